@@ -191,7 +191,8 @@ class AnalysisService:
             if etag is None and has_tags:
                 # The client asked before, this process did not: the hash is known sooner than the answer.
                 snapshot = read_snapshot(records, session_id, dict(settings).get("source", "images"))
-                etag = entity_tag(snapshot.answer_sha256(analysis, dict(settings)))
+                inputs_sha256 = snapshot.inputs_sha256(analysis, dict(settings))
+                etag = entity_tag(snapshot.answer_sha256(inputs_sha256))
                 self._kept.keep_tag(question, change_token, etag)
         return change_token, etag
 

@@ -103,9 +103,10 @@ def analyse(
         with_markers=analysis == "comparison",
         second_id=settings.get("confirming_session_id"),
     )
+    inputs_sha256 = loaded.snapshot.inputs_sha256(analysis, settings)
     return AnalysisResult(
-        loaded.snapshot.answer_sha256(analysis, settings),
-        document_of(loaded, analysis, settings),
+        loaded.snapshot.answer_sha256(inputs_sha256),
+        document_of(loaded, analysis, settings, inputs_sha256=inputs_sha256),
         loaded.change_token,
     )
 
@@ -136,13 +137,16 @@ def document_of(
     settings: Mapping[str, str],
     *,
     as_text: Callable[[Mapping[str, Any]], bytes] = encode,
+    inputs_sha256: str | None = None,
 ) -> bytes | AnalysisRefused:
-    """Compute one document of a loaded session, or determine why it cannot be computed."""
+    """Compute one document of a loaded session, or determine why it cannot be computed; `inputs_sha256` where it is
+    known.
+    """
     snapshot, data = loaded.snapshot, loaded.data
     head: dict[str, Any] = {  # of documents; a drawing has names and dates, but neither ids nor hashes
         "session_id": snapshot.session_id,
         "subject": snapshot.subject,
-        "inputs_sha256": snapshot.inputs_sha256(analysis, settings),
+        "inputs_sha256": inputs_sha256 or snapshot.inputs_sha256(analysis, settings),
         "core_version": core_version(),
         "pending": snapshot.pending,
     }

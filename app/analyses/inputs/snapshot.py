@@ -82,10 +82,10 @@ class Snapshot:
     camera_mount: CameraMount = "robot"
     measured_instead: bool = False
 
-    def answer_sha256(self, analysis: str, settings: Mapping[str, Any]) -> str:
-        """Return the hash of all that an answer is made of: its inputs, and ids, names and times."""
+    def answer_sha256(self, inputs_sha256: str) -> str:
+        """Return the hash of all that an answer is made of: its inputs by their hash, and ids, names and times."""
         parts = [
-            self.inputs_sha256(analysis, settings),
+            inputs_sha256,
             self.pending,
             self.subject,
             [

@@ -216,8 +216,9 @@ def _common_fit(fitted: Fitted, growth: VarianceInflation) -> CommonFit | None:
     if fitted.estimator != "pooled" or fitted.shared is None:
         return None
     scale = max(fitted.shared.scale, SMALLEST_NOISE_PX / float(fitted.views.uncertainty.mean()))
+    at = fitted.at
     return CommonFit(
-        fitted.views, fitted.used, fitted.at.placements, fitted.labels, scale, growth, fitted.lens
+        fitted.views, fitted.used, at.placements, at.residuals, fitted.labels, scale, growth, fitted.lens
     )
 
 

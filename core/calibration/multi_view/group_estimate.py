@@ -20,13 +20,15 @@ class CommonFit:
     """The fit of one camera to k images, from which another model of their poses can continue.
 
     `views` are the grid points as they were fitted, `used` those that were not rejected, `placements` the camera and
-    the poses, `pose` numbers the robot's poses that the images show. `scale` is the noise per unit of stated
-    uncertainty, `growth` that of `GroupEstimate.inflation`; `lens` is the prior, None where the images contradict it.
+    the poses, `residuals` (px) those of all points there, `pose` numbers the robot's poses that the images show.
+    `scale` is the noise per unit of stated uncertainty, `growth` that of `GroupEstimate.inflation`; `lens` is the
+    prior, None where the images contradict it.
     """
 
     views: ViewStack
     used: Bool[np.ndarray, " n"]
     placements: Placements
+    residuals: Float[np.ndarray, "2 n"]
     pose: Int[np.ndarray, " k"]
     scale: float
     growth: VarianceInflation
@@ -40,6 +42,7 @@ class CommonFit:
             views=self.views.take(images),
             used=self.used[points],
             placements=self.placements.take(images),
+            residuals=self.residuals[:, points],
             pose=self.pose[images],
         )
 

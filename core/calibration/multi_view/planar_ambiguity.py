@@ -92,6 +92,7 @@ def compare_solutions(
     rotations, translations = placements.rotations.copy(), placements.translations_mm.copy()
     changed, ambiguous = np.zeros(len(views), dtype=np.bool_), np.zeros(len(views), dtype=np.bool_)
     ratio, evidences = np.zeros(len(views)), np.full(len(views), np.inf)
+    counted = views.sums(used.astype(np.float64)) > 0.0
     for pose in groups_of(labels * len(views.targets) + views.target):
         members = pose.tolist()
         if certain is not None and certain[members[0]]:
@@ -100,7 +101,7 @@ def compare_solutions(
         evidences[pose] = np.inf if first is None else first.evidence
         if first is None or first.evidence >= CERTAIN_RATIO * needed_evidence(fitted.freedom(members[0])):
             # A view of which nothing counts may be where it is for the wrong tilt's sake.
-            members = [i for i in members if not used[views.part(i)].any()]
+            members = pose[~counted[pose]].tolist()
         seconds = {i: other for i in members if (other := fitted.second(i)) is not None}
         if not seconds:
             continue

@@ -43,9 +43,7 @@ def _same_points(fit: CommonFit, images: Int[np.ndarray, " j"]) -> Int[np.ndarra
     return points[np.all(views.cell[points] == views.cell[views.part(first)], axis=1)]
 
 
-def noise_of(
-    fit: CommonFit, residuals: Float[np.ndarray, "2 n"], groups: Sequence[Int[np.ndarray, " _"]]
-) -> tuple[float, bool]:
+def noise_of(fit: CommonFit, groups: Sequence[Int[np.ndarray, " _"]]) -> tuple[float, bool]:
     """Return σ per unit of stated uncertainty, and whether repeated images give it."""
     squares, freedom = 0.0, 0
     for images in groups:
@@ -53,7 +51,8 @@ def noise_of(
         if len(points) < 2:
             continue
         points = points[:, fit.used[points].all(axis=0)]
-        about = residuals[:, points] - residuals[:, points].mean(axis=1, keepdims=True)
+        about = fit.residuals[:, points]
+        about -= about.mean(axis=1, keepdims=True)
         squares += float(np.sum(about**2 * fit.views.weight[points]))
         freedom += (len(points) - 1) * (2 * points.shape[1] - 6)
     if freedom >= MIN_FREEDOM_OF_REPEATS:
@@ -66,20 +65,18 @@ def smallest_noise(fit: CommonFit) -> float:
     return SMALLEST_NOISE_PX / float(fit.views.uncertainty.mean())
 
 
-def mean_view(
-    fit: CommonFit, residuals: Float[np.ndarray, "2 n"], images: Int[np.ndarray, " j"], noise: float
-) -> MeanView:
+def mean_view(fit: CommonFit, images: Int[np.ndarray, " j"], noise: float) -> MeanView:
     """Return the images of a pose as one, observed where their mean residual puts it from the first one's place."""
     views, first = fit.views, int(images[0])
     points, part = _same_points(fit, images), views.part(first)
     counts: Bool[np.ndarray, " n"] = fit.used[points].all(axis=0)
-    mean = residuals[:, points].mean(axis=1)
+    mean = fit.residuals[:, points].mean(axis=1)
     weight = views.weight[points].mean(axis=0) * len(points)
     return MeanView(
         images,
         int(views.target[first]),
         views.cell[part],
-        np.ascontiguousarray(views.points_px[part].T - residuals[:, part] + mean),
+        np.ascontiguousarray(views.points_px[part].T - fit.residuals[:, part] + mean),
         np.where(counts, np.sqrt(weight) / noise, 0.0),
         views.centroids[first],
         np.ascontiguousarray(views.points_target[part].T),

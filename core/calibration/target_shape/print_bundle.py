@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration.lens_residuals import View, residuals_with_jacobian
-from core.calibration.multi_view import CommonFit, linearise
+from core.calibration.multi_view import CommonFit
 from core.calibration.priors import camera_prior
 from core.calibration.target_shape.covariance_factors import inverse
 from core.calibration.target_shape.departures import (
@@ -84,10 +84,9 @@ class PrintBundle:
     @classmethod
     def of(cls, fit: CommonFit, priors: Sequence[ShapePrior]) -> PrintBundle:
         stack, free = fit.views, fit.placements.free
-        at = linearise(stack, fit.placements, fit.used)
         groups = images_by_pose(fit)
-        noise, repeats = noise_of(fit, at.residuals, groups)
-        views = tuple(mean_view(fit, at.residuals, images, noise) for images in groups)
+        noise, repeats = noise_of(fit, groups)
+        views = tuple(mean_view(fit, images, noise) for images in groups)
         found = [Departures.of(t, p) for t, p in zip(stack.targets, priors, strict=True)]
         count = free + 1 + sum(len(d.names) + 2 * d.fields.shape[2] for d in found)
         if 6 * len(views) * count > MAX_ELEMENTS:

@@ -35,9 +35,10 @@ def linearise_images(
     each of the joint angles (rad); `lens` is the prior on the camera.
     """
     used = np.ones(len(views.column), dtype=np.bool_)
-    information = linearise(views, placements, used).normal[:, -6:, -6:]
+    at = linearise(views, placements, used)
+    information = at.of_poses
     _require_poses(information)
-    fit = CommonFit(views, used, placements, np.arange(len(views)), 1.0, _NO_GROWTH, lens)
+    fit = CommonFit(views, used, placements, at.residuals, np.arange(len(views)), 1.0, _NO_GROWTH, lens)
     marginal = marginalise_shape(fit, [ShapePrior.of(t) for t in views.targets], noise_known=True)
     rotations, centroids = placements.rotations, placements.translations_mm
     return PoseData(

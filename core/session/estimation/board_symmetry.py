@@ -233,7 +233,11 @@ def _turned_fit(fit: CommonFit, quarters: Int[np.ndarray, " k"]) -> CommonFit:
         turn = symmetry_rotations(target)[quarter_turns(target).index(int(quarters[k]))]
         rotations[k] = rotations[k] @ turn[:3, :3]
     return replace(
-        fit, views=views, used=fit.used[order], placements=replace(fit.placements, rotations=rotations)
+        fit,
+        views=views,
+        used=fit.used[order],
+        placements=replace(fit.placements, rotations=rotations),
+        residuals=fit.residuals[:, order],
     )
 
 

@@ -142,6 +142,7 @@ def _write_scatter(
     per_stated = float(
         np.mean([level.mean() / one for level, one in zip(levels.values(), stated, strict=True)])
     )
+    counts = views.sums(used.astype(np.float64))
     for group, one in zip(groups, contrasts, strict=True):
         if one is not None and one.is_exact:
             continue
@@ -151,7 +152,8 @@ def _write_scatter(
             level[:] = own.mean()
             level[np.isin(group, one.images)] = own.mean() + spread * (own - own.mean())
         level = np.maximum(level, SMALLEST_NOISE_PX**2 / (model.white + float(model.fields.sum())))
-        of_poses, of_changes = _model_scatter(views, at, used, fit, white, group, model)
+        fullest = int(group[np.argmax(counts[group])])
+        of_poses, of_changes = _model_scatter(views, at, used, fit, white, group, fullest, model)
         poses[group] = level[:, None, None] * of_poses
         changes[group] = level[:, None] * of_changes
 
@@ -252,15 +254,14 @@ def _model_scatter(
     fit: OwnFit,
     white: RepeatScatter,
     group: Int[np.ndarray, " g"],
+    i: int,
     model: NoiseModel,
 ) -> tuple[Float[np.ndarray, "g 6 6"], Float[np.ndarray, "g 3"]]:
     """Return G cov(e) Gᵀ of the images of a pose at the model's own noise, and the variances of the camera's changes.
 
-    They are computed of the image with most points, and taken to the others, whose points and stated uncertainties
-    differ little, by what takes their scatter under white noise to one another.
+    They are computed of image `i`, the one with most points, and taken to the others, whose points and stated
+    uncertainties differ little, by what takes their scatter under white noise to one another.
     """
-    counts = views.sums(used.astype(np.float64))[group]
-    i = int(group[np.argmax(counts)])
     part = views.part(i)
     points = np.arange(part.start, part.stop)[used[part]]
     J = jacobian_of(views, at.placements, i, points)

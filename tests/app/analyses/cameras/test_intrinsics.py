@@ -158,7 +158,8 @@ def test_the_inputs_differ_with_all_that_enters(
     monkeypatch.setattr("app.analyses.inputs.snapshot.core_version", lambda: "9.9.9")
     with api.installation.database.read() as records:
         snapshot = read_snapshot(records, session)
-    assert entity_tag(snapshot.answer_sha256("intrinsics", {"estimator": "pooled"})) != tag
+    inputs_sha256 = snapshot.inputs_sha256("intrinsics", {"estimator": "pooled"})
+    assert entity_tag(snapshot.answer_sha256(inputs_sha256)) != tag
 
 
 def test_two_targets_in_one_image_are_tied(api: Any, store: Store) -> None:
