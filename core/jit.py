@@ -22,7 +22,7 @@ from typing import Any, TypeVar, cast, overload
 _OPT_LEVEL = 1
 """LLVM's. Levels 2 and 3 take longer and yield kernels of the same speed: numba has loops vectorised at all of them."""
 _GC_THRESHOLDS = (200_000, 20, 100)
-"""While compiling: numba makes many long-lived objects, and the usual thresholds spend a fifth of the time on them."""
+"""Where many long-lived objects are made: with the usual thresholds numba spends a fifth of its time on them."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -119,7 +119,7 @@ def _dispatcher_type() -> Any:
 
         def compile(self, signature: Any) -> Any:
             arguments, _ = sigutils.normalize_signature(signature)  # type: ignore[no-untyped-call]
-            with global_compiler_lock, _few_collections():
+            with global_compiler_lock, few_collections():
                 return super().compile(self._fitting(tuple(map(types.unliteral, arguments))))
 
         def _fitting(self, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -146,7 +146,8 @@ def _parsed(signature: str) -> tuple[Any, ...]:
 
 
 @contextlib.contextmanager
-def _few_collections() -> Iterator[None]:
+def few_collections() -> Iterator[None]:
+    """Look for garbage seldom: for work that makes many objects which stay to its end."""
     before = gc.get_threshold()
     gc.set_threshold(*_GC_THRESHOLDS)
     try:

@@ -32,6 +32,7 @@ from app.build import core_version
 from app.records.database import Database
 from app.records.numbers import encode
 from core import Advisory, GridposeError
+from core.jit import few_collections
 from core.session import SessionData
 
 Found = TypeVar("Found")
@@ -96,19 +97,20 @@ def analyse(
 ) -> AnalysisResult:
     """Compute one document from what the session holds now, or determine why it cannot be computed."""
     source = settings.get("source", "images")
-    loaded = load(
-        database,
-        session_id,
-        source,
-        with_markers=analysis == "comparison",
-        second_id=settings.get("confirming_session_id"),
-    )
-    inputs_sha256 = loaded.snapshot.inputs_sha256(analysis, settings)
-    return AnalysisResult(
-        loaded.snapshot.answer_sha256(inputs_sha256),
-        document_of(loaded, analysis, settings, inputs_sha256=inputs_sha256),
-        loaded.change_token,
-    )
+    with few_collections():  # rows, images and poses, some ten objects an image, stay to the end
+        loaded = load(
+            database,
+            session_id,
+            source,
+            with_markers=analysis == "comparison",
+            second_id=settings.get("confirming_session_id"),
+        )
+        inputs_sha256 = loaded.snapshot.inputs_sha256(analysis, settings)
+        return AnalysisResult(
+            loaded.snapshot.answer_sha256(inputs_sha256),
+            document_of(loaded, analysis, settings, inputs_sha256=inputs_sha256),
+            loaded.change_token,
+        )
 
 
 def load(
