@@ -86,10 +86,10 @@ def student_draws(x: Float[np.ndarray, "p n d"], nu: float, draws: int) -> Scale
     """Return draws of Σ given that cycles are Student t with this ν; the draws are the same for all data but scale."""
     n, d = x.shape[1:]
     mean, root = _maximum(x, nu)
-    whitened = np.swapaxes(np.linalg.solve(root, np.swapaxes(x - mean[:, None], 1, 2)), 1, 2)
+    whitened = (x - mean[:, None]) @ np.swapaxes(np.linalg.inv(root), 1, 2)
     proposal = _proposal(n, d, nu, draws)
     # Σ⁻¹ = B Bᵀ / m in whitened coordinates, and the mean lies e / √(κ n) off in those of Σ.
-    y = np.einsum("pnd,bde->pbne", whitened, proposal.factors) - proposal.offsets[:, None]
+    y = whitened[:, None] @ proposal.factors - proposal.offsets[:, None]
     square = np.einsum("pbne,pbne->pbn", y, y)
     constant = gammaln(0.5 * (nu + d)) - gammaln(0.5 * nu) - 0.5 * d * np.log(nu * np.pi)
     tails = 0.5 * (nu + d) * np.log1p(square / nu).sum(axis=2)
@@ -118,10 +118,10 @@ def _maximum(
     for _ in range(_STEPS):
         mean = np.einsum("pn,pnd->pd", weight, x) / weight.sum(axis=1)[:, None]
         about = x - mean[:, None]
-        scale = np.einsum("pn,pnd,pne->pde", weight, about, about) / (n - 1.0)
+        scale = np.swapaxes(weight[:, :, None] * about, 1, 2) @ about / (n - 1.0)
         root = np.linalg.cholesky(scale + 1e-12 * np.eye(d))
-        y = np.linalg.solve(root, np.swapaxes(about, 1, 2))
-        weight = (nu + d) / (nu + np.einsum("pdn,pdn->pn", y, y))
+        y = about @ np.swapaxes(np.linalg.inv(root), 1, 2)
+        weight = (nu + d) / (nu + np.einsum("pnd,pnd->pn", y, y))
     return mean, root
 
 
