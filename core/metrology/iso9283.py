@@ -25,16 +25,16 @@ thousandth, which unit conversions and transforms leave.
 """
 
 
-def deviations(values: Float[np.ndarray, "n k"], size: float | None = None) -> Float[np.ndarray, "n k"]:
-    """Return a_j - ā of each column; exactly zero where the cycles do not differ beyond rounding.
+def deviations(values: Float[np.ndarray, "*b n k"], size: float | None = None) -> Float[np.ndarray, "*b n k"]:
+    """Return a_j - ā of each column; exactly zero where the n cycles do not differ beyond rounding.
 
-    `size` is the number that was rounded, the largest of the values where None.
+    `size` is the number that was rounded, the largest of the values of these cycles where None.
     """
-    shifted = values - values[0]
-    about = shifted - shifted.mean(axis=0)
+    shifted = values - values[..., :1, :]
+    about = shifted - shifted.mean(axis=-2, keepdims=True)
     about = np.where(np.abs(about) < SMALLEST_DEVIATION, 0.0, about)
-    rounded = ROUNDING * (float(np.abs(values).max(initial=0.0)) if size is None else size)
-    return np.where(np.abs(about).max(axis=0) <= rounded, 0.0, about)
+    largest = np.abs(values).max(axis=(-2, -1), keepdims=True, initial=0.0) if size is None else size
+    return np.where(np.abs(about).max(axis=-2, keepdims=True) <= ROUNDING * largest, 0.0, about)
 
 
 def are_unchanging(positions_mm: Float[np.ndarray, "n 3"]) -> bool:
@@ -45,7 +45,11 @@ def are_unchanging(positions_mm: Float[np.ndarray, "n 3"]) -> bool:
 def position_repeatability(positions_mm: Float[np.ndarray, "n 3"]) -> float:
     """Return RP_l = l̄ + 3 S_l, l_j = ‖p_j - p̄‖, S_l² = Σ (l_j - l̄)² / (n - 1) (7.2.2); n ≥ 2."""
     _at_least_two(len(positions_mm))
-    return float(rp_of_lengths(np.linalg.norm(deviations(positions_mm), axis=1)))
+    return float(_position_repeatabilities(positions_mm[None])[0])
+
+
+def _position_repeatabilities(positions_mm: Float[np.ndarray, "b n 3"]) -> Float[np.ndarray, " b"]:
+    return rp_of_lengths(np.linalg.norm(deviations(positions_mm), axis=2))
 
 
 def rp_of_lengths(lengths_mm: Float[np.ndarray, "*k n"]) -> Float[np.ndarray, "*k"]:
@@ -222,15 +226,18 @@ def drift(
         )
     starts = [i * block for i in range(count)]
     ends = [*starts[1:], len(positions_mm)]
-    blocks = []
-    for start, end in zip(starts, ends, strict=True):
-        part = positions_mm[start:end]
-        mean = part.mean(axis=0)
-        spread = part.std(axis=0, ddof=1)
-        error = spread / math.sqrt(len(part))
-        if step_mm is not None:
-            error = np.where(spread < 0.5 * step_mm, np.hypot(error, step_mm / math.sqrt(12.0)), error)
-        blocks.append(DriftBlock(start + 1, end, mean, error, position_repeatability(part)))
+    # Blocks of one length together: there may be hundreds.
+    parts = (positions_mm[: starts[-1]].reshape(count - 1, block, 3), positions_mm[None, starts[-1] :])
+    mean = np.concatenate([part.mean(axis=1) for part in parts])
+    spread = np.concatenate([part.std(axis=1, ddof=1) for part in parts])
+    error = spread / np.sqrt(np.subtract(ends, starts))[:, None]
+    if step_mm is not None:
+        error = np.where(spread < 0.5 * step_mm, np.hypot(error, step_mm / math.sqrt(12.0)), error)
+    readings = np.concatenate([_position_repeatabilities(part) for part in parts]).tolist()
+    blocks = [
+        DriftBlock(start + 1, end, *figures)
+        for start, end, *figures in zip(starts, ends, mean, error, readings, strict=True)
+    ]
     first, last = blocks[0], blocks[-1]
     turned = turned_error = None
     if rotations is not None:
