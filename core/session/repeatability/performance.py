@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
+from operator import is_
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from core.metrology import (
     ApproachVariation,
     CycleProcess,
     DistanceAssessment,
+    PoseCycles,
     assess_approaches,
     assess_distance,
     hides_scatter,
@@ -109,6 +111,7 @@ def _distances(
     truncated = len(poses) * (len(poses) - 1) // 2 > MAX_PAIRS
     pairs = list(pairwise(poses))[:MAX_PAIRS] if truncated else list(combinations(poses, 2))
     numbered = {pose_id: _by_cycle(visits) for pose_id, visits in readings.items()}
+    cycles = {pose_id: cycles_of(visits) for pose_id, visits in readings.items()}
     distances: list[PoseDistance] = []
     turned: list[str] = []
     lacks: dict[Lack, list[str]] = {}
@@ -124,7 +127,12 @@ def _distances(
         places = [_position(commanded.get(pose_id)) for pose_id in (one, other)]
         comparable = all(place is not None for place in places) and same
         ends = (places[0], places[1]) if comparable else (None, None)
-        found = _assess(at, *ends, process)
+        # Most pairs share all visits of their poses, whose cycles are then checked once for all pairs.
+        of_ends = [
+            cycles[pose_id] if _are_same(visits, readings[pose_id]) else cycles_of(visits)
+            for pose_id, visits in zip((one, other), at, strict=True)
+        ]
+        found = _assess(at, of_ends, *ends, process)
         if found is None:
             lacks.setdefault(Lack.LENGTH, []).append(f"{one}-{other}")
             continue
@@ -164,14 +172,18 @@ def _lack(
     return Lack.REPEATED if len(numbers[0] & numbers[1]) >= 2 else Lack.CYCLES
 
 
+def _are_same(visits: Sequence[MeasuredPose], others: Sequence[MeasuredPose]) -> bool:
+    return len(visits) == len(others) and all(map(is_, visits, others))
+
+
 def _assess(
     at: tuple[Sequence[MeasuredPose], Sequence[MeasuredPose]],
+    cycles: Sequence[PoseCycles],
     first_mm: Float[np.ndarray, "3"] | None,
     second_mm: Float[np.ndarray, "3"] | None,
     process: CycleProcess | None,
 ) -> DistanceAssessment | None:
     """Return a distance's figures; None where the poses are the same place."""
-    cycles = [cycles_of(readings) for readings in at]
     middles = [c.positions_mm.mean(axis=0) for c in cycles]
     spread = max(float(np.max(np.std(c.positions_mm, axis=0))) for c in cycles)
     if float(np.linalg.norm(middles[0] - middles[1])) <= MIN_SPREADS_APART * spread:
