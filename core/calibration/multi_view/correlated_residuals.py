@@ -235,5 +235,6 @@ def _poses(
         points = views.first[equal][:, None] + np.arange(count)
         same = np.all(views.cell[points] == cells, axis=1)
         equal, points = equal[same], points[same]
-        poses.append(_Pose(equal, at.residuals[:, points].mean(axis=1), used[points].all(axis=0)))
+        mean = np.take(at.residuals, points, axis=1).mean(axis=1)
+        poses.append(_Pose(equal, mean, used[points].all(axis=0)))
     return poses

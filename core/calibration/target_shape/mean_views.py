@@ -51,9 +51,11 @@ def noise_of(fit: CommonFit, groups: Sequence[Int[np.ndarray, " _"]]) -> tuple[f
         if len(points) < 2:
             continue
         points = points[:, fit.used[points].all(axis=0)]
-        about = fit.residuals[:, points]
+        about = np.take(fit.residuals, points, axis=1)
         about -= about.mean(axis=1, keepdims=True)
-        squares += float(np.sum(about**2 * fit.views.weight[points]))
+        about *= about
+        about *= fit.views.weight[points]
+        squares += float(about.sum())
         freedom += (len(points) - 1) * (2 * points.shape[1] - 6)
     if freedom >= MIN_FREEDOM_OF_REPEATS:
         return max(math.sqrt(squares / freedom), smallest_noise(fit)), True
@@ -70,7 +72,7 @@ def mean_view(fit: CommonFit, images: Int[np.ndarray, " j"], noise: float) -> Me
     views, first = fit.views, int(images[0])
     points, part = _same_points(fit, images), views.part(first)
     counts: Bool[np.ndarray, " n"] = fit.used[points].all(axis=0)
-    mean = fit.residuals[:, points].mean(axis=1)
+    mean = np.take(fit.residuals, points, axis=1).mean(axis=1)
     weight = views.weight[points].mean(axis=0) * len(points)
     return MeanView(
         images,

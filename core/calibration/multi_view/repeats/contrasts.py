@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.calibration.lens_residuals import residuals_with_jacobian
+from core.calibration.multi_view.repeat_consistency import is_same_scene
 from core.calibration.multi_view.schur_blocks import camera_changes
 from core.calibration.multi_view.view_stack import Placements, ViewStack
 from core.calibration.state import SMALLEST_NOISE_PX
@@ -132,16 +133,17 @@ def pose_contrasts(
     shown, size, _ = np.linalg.svd(
         Q.T @ (changes / np.linalg.norm(changes, axis=1)[:, None]).T, full_matrices=False
     )
-    deviations = residuals[:, points].transpose(1, 0, 2).reshape(len(images), -1)
-    deviations = deviations - deviations.mean(axis=0)
-    deviations = deviations - (deviations @ span) @ span.T
+    # np.take: five times as fast as residuals[:, points].
+    deviations = np.take(residuals, points, axis=1).transpose(1, 0, 2).reshape(len(images), -1)
+    deviations -= deviations.mean(axis=0)
+    deviations -= (deviations @ span) @ span.T
     values = deviations @ Q
     fine = np.sum(deviations**2, axis=1) - np.sum(values**2, axis=1)
     variance = np.mean(views.standard_uncertainty_px[points] ** 2, axis=0)
     return PoseContrasts(
         images,
         Q.reshape(2, len(first), -1),
-        views.points_px[points].mean(axis=0),
+        np.take(views.points_px, points, axis=0).mean(axis=0),
         variance / variance.mean(),
         values,
         np.maximum(fine, 0.0),
@@ -157,12 +159,7 @@ def common_points(
 
     Images that miss most points are dropped one after another, as long as contrasts times degrees of freedom grow.
     """
-    size = views.targets[int(views.target[group[0]])].size
-    place = np.full((len(group), size), -1)
-    for j, i in enumerate(group.tolist()):
-        part = views.part(i)
-        places = np.arange(part.start, part.stop)[used[part]]
-        place[j, views.cell[places]] = places
+    place = _places(views, used, group)
     order = np.argsort(-np.sum(place >= 0, axis=1), kind="stable")
     place = place[order]
     common = np.logical_and.accumulate(place >= 0, axis=0)
@@ -170,6 +167,23 @@ def common_points(
     count = int(np.argmax(worth)) + 1
     chosen = np.sort(order[:count])
     return group[chosen], place[np.argsort(order[:count])][:, common[count - 1]]
+
+
+def _places(
+    views: ViewStack, used: Bool[np.ndarray, " n"], group: Int[np.ndarray, " g"]
+) -> Int[np.ndarray, "g c"]:
+    """Return where the points of images stand, by images and cells that one of them shows, ascending; -1 where an image
+    does not use its point.
+    """
+    if is_same_scene(views, group):
+        shown = views.first[group][:, None] + np.argsort(views.cell[views.part(int(group[0]))])
+        return np.where(used[shown], shown, -1)
+    place = np.full((len(group), views.targets[int(views.target[group[0]])].size), -1)
+    for j, i in enumerate(group.tolist()):
+        part = views.part(i)
+        places = np.arange(part.start, part.stop)[used[part]]
+        place[j, views.cell[places]] = places
+    return place
 
 
 def _cosine_modes(column: Int[np.ndarray, " p"], row: Int[np.ndarray, " p"]) -> Float[np.ndarray, "2*p q"]:
