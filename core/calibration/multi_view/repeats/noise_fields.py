@@ -17,8 +17,9 @@ from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
+
+from core.jit import jit
 
 SQUARED_EXPONENTIALS = (1.0, 2.0, 4.0)
 """Lengths l in squares of the grid as the image shows it."""
@@ -62,11 +63,13 @@ def propagated_mixture(
 ) -> Float[np.ndarray, "d d"]:
     """Return Σ θ_k Aᵀ K_k A of `propagated_fields`, in a fraction of its time."""
     d = along.shape[2]
-    result = np.zeros((d, d))
-    for part, kernels in _smooth_kernels(points_px):
-        mixed = sum(size * kernel for size, kernel in zip(sizes[:_SMOOTH], kernels, strict=True))
+    half = np.zeros((d, d))
+    spacing = median_spacing(points_px)
+    for begin in range(0, len(points_px), _CHUNK):
+        lower = smooth_mixture(points_px, begin, begin + _CHUNK, spacing, sizes[:_SMOOTH])
         for component in along:
-            result += component[part].T @ (mixed @ component)
+            half += component[begin : begin + _CHUNK].T @ (lower @ component[: lower.shape[1]])
+    result = half + half.T
     quadratures = _quadratures(points_px, height_px)
     for component, of_waves in zip(along, sizes[_SMOOTH:].reshape(2, -1), strict=True):
         moved = (quadratures @ component) * np.sqrt(of_waves)[:, None]
@@ -79,13 +82,49 @@ def _smooth_kernels(
     points_px: Float[np.ndarray, "p 2"],
 ) -> Iterator[tuple[slice, list[Float[np.ndarray, "c p"]]]]:
     """Yield some points, and the covariances of the smooth fields between these and all."""
-    spacing = float(np.median(KDTree(points_px).query(points_px, k=2)[0][:, 1]))
+    spacing = median_spacing(points_px)
     for begin in range(0, len(points_px), _CHUNK):
         part = slice(begin, begin + _CHUNK)
         distance = cdist(points_px[part], points_px) / spacing
         kernels = [np.exp(-0.5 * (distance / length) ** 2) for length in SQUARED_EXPONENTIALS]
         kernels += [_matern(np.sqrt(3.0) * distance / length) for length in MATERNS]
         yield part, kernels
+
+
+@jit("f8[:, ::1]")
+def median_spacing(points_px: Float[np.ndarray, "p 2"]) -> float:
+    """Return the median distance of a point from its nearest neighbour."""
+    nearest = np.full(len(points_px), np.inf)
+    for i in range(len(points_px)):
+        for j in range(i):
+            u, v = points_px[i, 0] - points_px[j, 0], points_px[i, 1] - points_px[j, 1]
+            square = u * u + v * v
+            nearest[i], nearest[j] = min(nearest[i], square), min(nearest[j], square)
+    return float(np.median(np.sqrt(nearest)))
+
+
+@jit("f8[:, ::1], i8, i8, f8, f8[::1]")
+def smooth_mixture(
+    points_px: Float[np.ndarray, "p 2"], begin: int, end: int, spacing: float, sizes: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, "c e"]:
+    """Return rows `begin` to `end` of L, of which L + Lᵀ is the covariance of a mixture of the smooth fields: its lower
+    triangle with half of the diagonal.
+    """
+    end = min(end, len(points_px))
+    lower = np.zeros((end - begin, end))
+    for i in range(begin, end):
+        for j in range(i):
+            u, v = points_px[i, 0] - points_px[j, 0], points_px[i, 1] - points_px[j, 1]
+            square = (u * u + v * v) / (spacing * spacing)
+            total = 0.0
+            for k, length in enumerate(SQUARED_EXPONENTIALS):
+                total += sizes[k] * np.exp(-0.5 * square / (length * length))
+            for k, length in enumerate(MATERNS):
+                scaled = np.sqrt(3.0 * square) / length
+                total += sizes[len(SQUARED_EXPONENTIALS) + k] * (1.0 + scaled) * np.exp(-scaled)
+            lower[i - begin, j] = total
+        lower[i - begin, i] = 0.5 * sizes.sum()
+    return lower
 
 
 def _quadratures(points_px: Float[np.ndarray, "p 2"], height_px: float) -> Float[np.ndarray, "2 w p"]:
