@@ -140,7 +140,7 @@ def _read_points(records: orm.Session, snapshot: Snapshot) -> dict[str, bytes]:
     Those of a target that is not the session's, and those that a user excluded, have none there.
     """
     counted = {image.observation.measurement_id for image in snapshot.images if image.point_bytes}
-    rows = records.connection().execute(
+    asked = (
         sa.select(Result.measurement_id, Result.points)
         .join(Measurement, Measurement.id == Result.measurement_id)
         .where(
@@ -149,6 +149,7 @@ def _read_points(records: orm.Session, snapshot: Snapshot) -> dict[str, bytes]:
             sa.func.coalesce(Result.labelling, "") != PARTIAL,
         )
     )
+    rows = records.connection().execute(asked).all()  # at once, not one call a row
     return {name: points for name, points in rows if name in counted and are_points(points)}
 
 

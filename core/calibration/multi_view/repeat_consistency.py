@@ -188,8 +188,17 @@ def is_same_scene(views: ViewStack, pose: Int[np.ndarray, " g"]) -> bool:
     count = int(views.counts[pose[0]])
     if np.any(views.counts[pose] != count):
         return False
-    cells = views.cell[views.first[pose][:, None] + np.arange(count)]
-    return bool(np.all(cells == cells[0]))
+    return bool(have_same_cells(views.cell, views.first[pose], count))
+
+
+@jit("i8[::1], i8[::1], i8")
+def have_same_cells(cell: Int[np.ndarray, " n"], starts: Int[np.ndarray, " k"], count: int) -> bool:
+    """Return whether the `count` cells from each start on are the same."""
+    for start in starts:
+        for k in range(count):
+            if cell[start + k] != cell[starts[0] + k]:
+                return False
+    return True
 
 
 def _kept(views: ViewStack, keep: Bool[np.ndarray, " n"]) -> ViewStack:

@@ -151,8 +151,10 @@ def _about_mean(
     uncertainty = views.standard_uncertainty_px[points].mean(axis=0)
     total = 0.0
     for component in residuals:
-        stack = component[points]
-        total += float(np.sum(np.sum((stack - stack.mean(axis=0)) ** 2, axis=0) / uncertainty**2))
+        about = component[points]
+        about -= about.mean(axis=0)
+        about *= about
+        total += float(np.sum(about.sum(axis=0) / uncertainty**2))
     return total, freedom
 
 
@@ -219,11 +221,11 @@ def drifting_cameras(
     return unsteady
 
 
-def camera_changes(parameters: Float[np.ndarray, " s"]) -> Float[np.ndarray, "3 c"]:
+def camera_changes(parameters: Float[np.ndarray, "*k s"]) -> Float[np.ndarray, "*k 3 c"]:
     """Return the directions in which cameras change: the focal length by its share, the principal point by pixels."""
-    v = np.zeros((3, free_parameters(len(parameters))))
-    v[0, :2] = parameters[:2]
-    v[1, 2] = v[2, 3] = 1.0
+    v = np.zeros((*parameters.shape[:-1], 3, free_parameters(parameters.shape[-1])))
+    v[..., 0, :2] = parameters[..., :2]
+    v[..., 1, 2] = v[..., 2, 3] = 1.0
     return v
 
 
@@ -233,7 +235,7 @@ def change_variances(
     """Return the variances of `camera_changes` seen by single views under white noise, noise² / vᵀ S v; infinite for
     what a view does not show.
     """
-    v = np.stack([camera_changes(parameters) for parameters in placements.parameters])
+    v = camera_changes(placements.parameters)
     observed = np.einsum("kdi,kij,kdj->kd", v, parts.S, v)
     return np.where(observed > 0.0, noise[:, None] ** 2 / np.where(observed > 0.0, observed, 1.0), np.inf)
 

@@ -86,11 +86,11 @@ def student_draws(x: Float[np.ndarray, "p n d"], nu: float, draws: int) -> Scale
     """Return draws of Σ given that cycles are Student t with this ν; the draws are the same for all data but scale."""
     n, d = x.shape[1:]
     mean, root = _maximum(x, nu)
-    whitened = (x - mean[:, None]) @ np.swapaxes(np.linalg.inv(root), 1, 2)
+    whitened = np.linalg.inv(root) @ np.swapaxes(x - mean[:, None], 1, 2)
     proposal = _proposal(n, d, nu, draws)
     # Σ⁻¹ = B Bᵀ / m in whitened coordinates, and the mean lies e / √(κ n) off in those of Σ.
-    y = whitened[:, None] @ proposal.factors - proposal.offsets[:, None]
-    square = np.einsum("pbne,pbne->pbn", y, y)
+    y = np.swapaxes(proposal.factors, 1, 2) @ whitened[:, None] - proposal.offsets[:, :, None]
+    square = np.einsum("pben,pben->pbn", y, y)
     constant = gammaln(0.5 * (nu + d)) - gammaln(0.5 * nu) - 0.5 * d * np.log(nu * np.pi)
     tails = 0.5 * (nu + d) * np.log1p(square / nu).sum(axis=2)
     likelihood = n * (constant - 0.5 * proposal.log_scale) - tails

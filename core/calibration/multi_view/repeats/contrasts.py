@@ -138,7 +138,7 @@ def pose_contrasts(
     deviations -= deviations.mean(axis=0)
     deviations -= (deviations @ span) @ span.T
     values = deviations @ Q
-    fine = np.sum(deviations**2, axis=1) - np.sum(values**2, axis=1)
+    fine = np.einsum("nq,nq->n", deviations, deviations) - np.einsum("nd,nd->n", values, values)
     variance = np.mean(views.standard_uncertainty_px[points] ** 2, axis=0)
     return PoseContrasts(
         images,
@@ -195,4 +195,6 @@ def _cosine_modes(column: Int[np.ndarray, " p"], row: Int[np.ndarray, " p"]) -> 
     across = np.cos(np.pi * y[:, None] * np.arange(min(most[1], rows)))
     modes = (along[:, :, None] * across[:, None, :]).reshape(len(column), -1)
     modes /= np.maximum(np.linalg.norm(modes, axis=0), 1e-12)
-    return np.kron(np.eye(2), modes)
+    both = np.zeros((2, len(column), 2, modes.shape[1]))
+    both[0, :, 0] = both[1, :, 1] = modes
+    return both.reshape(2 * len(column), -1)

@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 
 from core.calibration.multi_view.linearisation import Linearised, linearise
-from core.calibration.multi_view.repeat_consistency import MIN_VIEWS_FOR_MEDIAN, find_repeats, inliers_of
+from core.calibration.multi_view.repeat_consistency import (
+    MIN_VIEWS_FOR_MEDIAN,
+    find_repeats,
+    inliers_of,
+    is_same_scene,
+)
 from core.calibration.multi_view.view_stack import (
     Placements,
     ViewStack,
@@ -222,3 +227,14 @@ def test_a_stack_gives_back_its_views(seen: tuple[ViewStack, Placements, np.ndar
         np.testing.assert_array_equal(some.view(k).points_target, views.view(i).points_target)
         np.testing.assert_allclose(some.centroids[k], views.view(i).points_target.mean(axis=0))
     assert views.take(range(len(views))) is views
+
+
+def test_views_are_one_scene_where_they_list_the_same_cells(
+    seen: tuple[ViewStack, Placements, np.ndarray],
+) -> None:
+    views = seen[0]
+    for i, j in pairwise(range(len(views))):
+        listed = [views.cell[views.part(k)].tolist() for k in (i, j)]
+        assert is_same_scene(views, np.array([i, j])) == (listed[0] == listed[1])
+    assert is_same_scene(views, np.array([5, 5]))
+    assert not is_same_scene(views, np.array([3, 5]))

@@ -14,6 +14,7 @@ from core.calibration.multi_view.repeats.contrasts import common_points, pose_co
 from core.calibration.multi_view.repeats.noise_fields import (
     FIELDS,
     WAVELENGTHS,
+    median_spacing,
     propagated_fields,
     propagated_mixture,
 )
@@ -64,6 +65,7 @@ def test_fields_move_combinations_as_their_covariance_says(count: int) -> None:
     found = propagated_fields(along, points, float(HEIGHT))
     assert found.shape == (FIELDS, 3, 3)
     square = float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
+    assert median_spacing(points) == pytest.approx(square, rel=1e-12)
     distance = np.linalg.norm(points[:, None] - points, axis=2)
     smooth = np.exp(-0.5 * (distance / (2.0 * square)) ** 2)
     rough = np.sqrt(3.0) * distance / (8.0 * square)
