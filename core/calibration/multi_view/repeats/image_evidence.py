@@ -25,6 +25,7 @@ QUIETER = 0.85
 """Share of each pose's images to which the noise is fitted."""
 MIN_IMAGES = 5
 """Of a pose: with fewer its median says little about its images."""
+_MEDIAN_STEPS = 8
 
 
 def image_p_values(views: ViewStack, poses: list[PoseContrasts]) -> Float[np.ndarray, "k 2"]:
@@ -56,10 +57,23 @@ def image_p_values(views: ViewStack, poses: list[PoseContrasts]) -> Float[np.nda
 
 def _quieter(pose: PoseContrasts) -> PoseContrasts:
     """Return the pose's images with the smaller residuals, about their own mean."""
-    size = np.sum((pose.values - np.median(pose.values, axis=0)) ** 2, axis=1)
+    size = np.sum((pose.values - _spatial_median(pose.values)) ** 2, axis=1)
     kept = np.sort(np.argsort(size, kind="stable")[: int(np.ceil(QUIETER * len(size)))])
     values = pose.values[kept]
     return replace(pose, images=pose.images[kept], values=values - values.mean(axis=0), fine=pose.fine[kept])
+
+
+def _spatial_median(values: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " d"]:
+    """Return about the point with the least sum of distances (Weiszfeld 1937).
+
+    Unlike medians of columns it does not depend on the basis, which linear algebra chooses freely among contrasts.
+    """
+    middle = values.mean(axis=0)
+    for _ in range(_MEDIAN_STEPS):
+        distance = np.linalg.norm(values - middle, axis=1)
+        weight = 1.0 / np.maximum(distance, 1e-9 * distance.max(initial=1e-300))
+        middle = weight @ values / weight.sum()
+    return np.asarray(middle)
 
 
 def _degrees_of_freedom(ratios: Float[np.ndarray, " m"]) -> float:

@@ -10,7 +10,8 @@ from scipy.spatial import KDTree
 
 from core.calibration.multi_view.estimators import estimate_group
 from core.calibration.multi_view.linearisation import linearise
-from core.calibration.multi_view.repeats.contrasts import common_points, pose_contrasts
+from core.calibration.multi_view.repeats.contrasts import PoseContrasts, common_points, pose_contrasts
+from core.calibration.multi_view.repeats.image_evidence import image_p_values
 from core.calibration.multi_view.repeats.noise_fields import (
     FIELDS,
     WAVELENGTHS,
@@ -99,17 +100,38 @@ def test_contrasts_are_free_of_the_robot() -> None:
                     s.views, points_px=s.views.points_px + moved.views.points_px - still.views.points_px
                 ),
             )
-        fit = estimate_group(s.views, "given", intrinsics=s.camera, repeats=s.labels)
-        rotations = np.ascontiguousarray(np.swapaxes(fit.rotations, 1, 2))
-        centroids = np.einsum("kij,kj->ki", rotations, s.views.centroids - fit.positions_mm)
-        used = np.ones(len(s.views.column), dtype=np.bool_)
-        at = linearise(s.views, Placements(fit.cameras, rotations, centroids), used)
-        contrasts = pose_contrasts(s.views, at.placements, at.residuals, used, None, np.arange(6))
-        assert contrasts is not None
+        contrasts = contrasts_of(s)
         assert 55 <= contrasts.values.shape[1] <= 70
         found.append(contrasts)
     still_one, moving = found
     assert np.sum(moving.values**2) == pytest.approx(np.sum(still_one.values**2), rel=0.01)
+
+
+def contrasts_of(s: NoisySession) -> PoseContrasts:
+    """Return the contrasts of all images of a session of one pose."""
+    fit = estimate_group(s.views, "given", intrinsics=s.camera, repeats=s.labels)
+    rotations = np.ascontiguousarray(np.swapaxes(fit.rotations, 1, 2))
+    centroids = np.einsum("kij,kj->ki", rotations, s.views.centroids - fit.positions_mm)
+    used = np.ones(len(s.views.column), dtype=np.bool_)
+    at = linearise(s.views, Placements(fit.cameras, rotations, centroids), used)
+    contrasts = pose_contrasts(s.views, at.placements, at.residuals, used, None, np.arange(len(s.views)))
+    assert contrasts is not None
+    return contrasts
+
+
+def test_an_image_is_as_degraded_in_every_basis_of_contrasts() -> None:
+    """Equal singular values leave the basis to the library of linear algebra."""
+    s = noisy_session(np.random.default_rng(3), white(), poses=1, cycles=20)
+    pose = contrasts_of(s)
+    pose.values[4] += np.random.default_rng(4).normal(0.0, 3.0 * pose.values.std(), pose.values.shape[1])
+    turn = np.linalg.qr(np.random.default_rng(5).normal(size=(pose.values.shape[1],) * 2))[0]
+    turned = dataclasses.replace(
+        pose, basis=pose.basis @ turn, values=pose.values @ turn, camera=turn.T @ pose.camera
+    )
+    found, again = image_p_values(s.views, [pose])[:, 1], image_p_values(s.views, [turned])[:, 1]
+    assert np.argmin(found) == 4
+    assert found[4] < 1e-6 < np.delete(found, 4).min()
+    np.testing.assert_allclose(again, found, rtol=1e-6)
 
 
 def test_an_image_that_lacks_most_points_costs_the_others_none() -> None:
