@@ -97,7 +97,13 @@ def absolute_poses(
         rotations = turns @ group.estimate.rotations
         positions = positions + marginal.moved_mm[place]
         for k, (pose, m) in enumerate(zip(group.poses, place.tolist(), strict=True)):
-            found[pose.measurement_id] = pose.moved(positions[k], rotations[k], covariance[k], shared[m])
+            found[pose.measurement_id] = replace(
+                pose,
+                position_mm=positions[k],
+                rotation=rotations[k],
+                covariance=covariance[k],
+                common=shared[m],
+            )
     names = [source for of_group in sources for source in of_group if source != PRINT_SCALE]
     warnings = (*unstated_scale_warnings(data, estimate, known), *_shape_warnings(dominated))
     cameras = tuple(

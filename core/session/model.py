@@ -140,30 +140,6 @@ class MeasuredPose:
     rms_px: float | None = None
     burst: tuple[MeasuredPose, ...] = ()
 
-    def moved(
-        self,
-        position_mm: Float[np.ndarray, "3"],
-        rotation: Float[np.ndarray, "3 3"],
-        covariance: Float[np.ndarray, "6 6"],
-        common: Float[np.ndarray, "6 e"],
-    ) -> MeasuredPose:
-        """Return the visit at another pose; `dataclasses.replace` takes three times as long, and visits are many."""
-        return MeasuredPose(
-            self.measurement_id,
-            self.pose_id,
-            self.cycle,
-            self.joint_angles_deg,
-            position_mm,
-            rotation,
-            covariance,
-            self.scatter,
-            common,
-            self.frame,
-            self.image,
-            self.rms_px,
-            self.burst,
-        )
-
     def own_covariance(self) -> Float[np.ndarray, "6 6"] | None:
         """Return the covariance without what all images share."""
         if self.covariance is None or self.common is None:

@@ -131,19 +131,11 @@ def judge_pose(
     for j in range(len(pose)):
         begin, end = first[pose[j]], first[pose[j] + 1]
         deviation = np.empty(end - begin)
-        largest = 0.0
         for k in range(begin, end):
             c = cell[k]
             away = (residuals[0, k] - u[c]) ** 2 + (residuals[1, k] - v[c]) ** 2
             deviation[k - begin] = np.sqrt(away) * root_weight[k]
-            largest = max(largest, deviation[k - begin])
-        # Where most deviations are so large that the largest lies within their distance, so is the median: a count says
-        # that in a fraction of the time.
-        of_view, large = largest, 0
-        for k in range(end - begin):
-            large += rejection * deviation[k] >= largest
-        if 2 * large <= end - begin + 1:
-            of_view = rejection * max(np.median(deviation), floors[j])
+        of_view = rejection * max(np.median(deviation), floors[j])
         for k in range(begin, end):
             c = cell[k]
             used[k] = common[c] and deviation[k - begin] <= max(of_view, spared[c])
@@ -188,17 +180,8 @@ def is_same_scene(views: ViewStack, pose: Int[np.ndarray, " g"]) -> bool:
     count = int(views.counts[pose[0]])
     if np.any(views.counts[pose] != count):
         return False
-    return bool(have_same_cells(views.cell, views.first[pose], count))
-
-
-@jit("i8[::1], i8[::1], i8")
-def have_same_cells(cell: Int[np.ndarray, " n"], starts: Int[np.ndarray, " k"], count: int) -> bool:
-    """Return whether the `count` cells from each start on are the same."""
-    for start in starts:
-        for k in range(count):
-            if cell[start + k] != cell[starts[0] + k]:
-                return False
-    return True
+    cells = views.cell[views.first[pose][:, None] + np.arange(count)]
+    return bool(np.all(cells == cells[0]))
 
 
 def _kept(views: ViewStack, keep: Bool[np.ndarray, " n"]) -> ViewStack:
