@@ -279,8 +279,8 @@ def look_at_side(
         for n in range(good):
             at_least += depths[n] > usual
     seen = max(int(np.sum(visible)), 1)
-    tells = seen >= _MIN_PLACES or (2 * seen >= good and np.sum(visible & follows) < seen)
-    shares[1] = np.sum(visible) / good if tells else 0.0
+    are_enough = seen >= _MIN_PLACES or (2 * seen >= good and np.sum(visible & follows) < seen)
+    shares[1] = np.sum(visible) / good if are_enough else 0.0
     shares[2] = np.sum(visible & (np.abs(depths - usual) <= 1)) / (seen + count - good)
     for n in range(good):
         shares[3] += (visible[n] and beyond[number[n]] and follows[n]) / seen

@@ -68,7 +68,7 @@ def test_an_image_that_ends_with_the_corners_does_not_show_a_whole_board(side: i
 )
 @pytest.mark.parametrize("corner", range(4))
 def test_part_of_a_side_shows_where_the_board_ends(rows: int, in_view: int, ends: bool, corner: int) -> None:
-    """The image's border cuts the outermost squares of a turned board; those left tell, but not two of them."""
+    """The image's border cuts the outermost squares of a turned board; those left show its end, two do not."""
     asked, larger = TargetSpec("chessboard", 8, rows, 20.0), (9, rows)
     for columns, lines in ((8, rows), larger):
         image = board_cut_aslant(columns, lines, in_view)
