@@ -1,4 +1,6 @@
-"""Cache of analyses: documents and refusals by entity tag; tags and failures by the session's change token."""
+"""Cache of analyses: documents and refusals by entity tag; tags and failures by the session's change token; the
+token itself for as long as nobody writes to the database.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,23 @@ class AnswerCache:
         self._bytes = 0
         self._tags: OrderedDict[Question, tuple[str, str]] = OrderedDict()
         self._failures: OrderedDict[Question, _Failure] = OrderedDict()
+        self._change_tokens: dict[str, str] = {}
+        self._data_version: int | None = None
         self._lock = threading.Lock()
+
+    def change_token(self, session_id: str, data_version: int | None) -> str | None:
+        """Return the session's change token, if it was read at this version of the database."""
+        with self._lock:
+            return self._change_tokens.get(session_id) if data_version == self._data_version else None
+
+    def keep_change_token(self, session_id: str, data_version: int | None, change_token: str) -> None:
+        """Note a change token that was read after this version of the database; None is no version."""
+        with self._lock:
+            if data_version is None or data_version != self._data_version:
+                self._change_tokens.clear()
+                self._data_version = data_version
+            if data_version is not None:
+                self._change_tokens[session_id] = change_token
 
     def was_asked(self, question: Question) -> bool:
         """Return whether the question was answered lately, at whatever change token."""

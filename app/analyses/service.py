@@ -185,8 +185,15 @@ class AnalysisService:
     def _read(self, question: Question, has_tags: bool) -> tuple[str, str | None]:
         """Return the session's change token, and the answer's tag if it is known or the client has one to compare."""
         session_id, analysis, settings = question
+        data_version = (
+            self._database.data_version()
+        )  # before the token: what is committed in between counts as later
+        known = self._kept.change_token(session_id, data_version)
+        if known is not None and (etag := self._kept.tag(question, known)) is not None:
+            return known, etag
         with self._database.read() as records:
             change_token = read_change_token(records, session_id)
+            self._kept.keep_change_token(session_id, data_version, change_token)
             etag = self._kept.tag(question, change_token)
             if etag is None and has_tags:
                 # The client asked before, this process did not: the hash is known sooner than the answer.

@@ -7,8 +7,7 @@ compressed answer is another representation of the same content, so that its ent
 
 from __future__ import annotations
 
-import gzip
-
+from isal import igzip
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -17,7 +16,8 @@ MIN_BYTES = 1024
 """Below it, gzip saves less than a packet."""
 INLINE_BYTES = 64 * 1024
 """Larger answers are not compressed on the event loop."""
-LEVEL = 6
+LEVEL = 2
+"""Of igzip: a tenth of the time of zlib's usual level 6, for a sixth more bytes."""
 _TYPES = ("application/json", "application/problem+json", "image/svg+xml", "text/csv")
 
 
@@ -80,7 +80,7 @@ def _weaken_tag(headers: MutableHeaders) -> None:
 
 
 def _compressed(body: bytes) -> bytes:
-    return gzip.compress(body, LEVEL, mtime=0)  # no time in it: the same bytes for the same answer
+    return bytes(igzip.compress(body, LEVEL, mtime=0))  # no time in it: the same bytes for the same answer
 
 
 def accepts_gzip(accept_encoding: str) -> bool:

@@ -38,7 +38,7 @@ GUARDS = 8
 """Connections to PostgreSQL for locks between processes: so many uploads to S3 are under way at a time."""
 _GUARD = 0x6772_6964  # "grid"
 _TURN = 0x7475_726E  # "turn"
-_VERSION = "SELECT version FROM access_version"
+_ACCESS_VERSION = "SELECT version FROM access_version"
 
 
 class Database:
@@ -159,6 +159,18 @@ class Database:
 
         None where it cannot be read at once: on PostgreSQL, behind a network, and while SQLite is occupied.
         """
+        rows = self._read_version(_ACCESS_VERSION)
+        return None if rows is None else int(rows[0][0]) if rows else 0
+
+    def data_version(self) -> int | None:
+        """Return a number that is another one after each change, whoever committed it; waits for nothing.
+
+        None where it cannot be read at once, as `access_version`.
+        """
+        rows = self._read_version("PRAGMA data_version")
+        return int(rows[0][0]) if rows else None
+
+    def _read_version(self, statement: str) -> list[Any] | None:
         if not self.is_sqlite:
             return None
         with self._version_lock:
@@ -166,10 +178,9 @@ class Database:
                 if self._version_cursor is None:
                     self._version_cursor = self._open_version_cursor()
                 # Fetched to the end, or the statement would go on holding its snapshot.
-                rows = self._version_cursor.execute(_VERSION).fetchall()
+                return list(self._version_cursor.execute(statement).fetchall())
             except (sa.exc.SQLAlchemyError, _SQLITE.Error):
                 return None
-        return int(rows[0][0]) if rows else 0
 
     def _open_version_cursor(self) -> Any:
         driver = self._reader.raw_connection()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from datetime import UTC, datetime
+from itertools import count
 from typing import Any
 
 import pytest
@@ -12,7 +13,9 @@ import sqlalchemy as sa
 from app.analyses.answer_cache import AnswerCache
 from app.analyses.inputs.change_token import read_change_token
 from app.records.codec import content_hash
+from app.records.database import Database
 from app.records.ids import new_id
+from app.records.statements import Statement
 from app.records.tables import MeasuredPose, Measurement, Pose, Result, Session, SessionTarget, Target
 from tests.support.sessions.stored_sessions import Store, new_session, shoot, with_fields
 
@@ -168,3 +171,52 @@ def test_an_unchanged_session_is_neither_read_nor_computed_again(
         broken.setattr(api.service.analyses, "_kept", AnswerCache())
         again = api.client.get(url, headers={"If-None-Match": first.headers["ETag"]})
     assert again.status_code == 304
+
+
+def test_a_database_that_nobody_wrote_to_is_not_asked_for_the_mark(
+    api: Any, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = new_session(api)
+    store(api, session, shoot(cycles=2))
+    url = f"/v1/sessions/{session}/repeatability"
+    first = api.client.get(url)  # it writes the answer itself
+    assert api.client.get(url).content == first.content
+    with monkeypatch.context() as broken:
+        broken.delattr("app.analyses.service.read_change_token")
+        assert api.client.get(url).content == first.content
+        assert api.client.get(url, headers={"If-None-Match": first.headers["ETag"]}).status_code == 304
+    store(api, session, shoot(seed=2, cycles=2))
+    assert api.client.get(url).headers["ETag"] != first.headers["ETag"]
+    assert api.client.delete(f"/v1/sessions/{session}").status_code == 204
+    assert api.client.get(url).status_code == 404
+
+
+def test_every_commit_gives_the_database_another_version(api: Any) -> None:
+    database = api.installation.database
+    other = Database(database.url)
+
+    names = (f"name {n}" for n in count())
+
+    def renamed(rows: Any) -> None:
+        rows.all(Statement(sa.update(Target).values(name=sa.bindparam("new"))), new=next(names))
+
+    def by_orm(at: Database) -> None:
+        with at.write() as records:
+            records.execute(sa.update(Target).values(name=next(names)))
+
+    def by_rows(at: Database) -> None:
+        with at.write_rows(durable=False) as rows:
+            renamed(rows)
+
+    api.make_session()
+    seen = [database.data_version()]
+    for at in (database, other):
+        for write in (by_orm, by_rows, lambda one: one.write_together(renamed)):
+            write(at)
+            seen.append(database.data_version())
+    other.dispose()
+    with database.read() as records:
+        records.scalars(sa.select(Target.name)).all()
+    assert None not in seen
+    assert len(set(seen)) == len(seen)
+    assert database.data_version() == seen[-1], "reading changes nothing"
