@@ -40,18 +40,21 @@ class AnswerCache:
         self._tags: OrderedDict[Question, tuple[str, str]] = OrderedDict()
         self._failures: OrderedDict[Question, _Failure] = OrderedDict()
         self._change_tokens: dict[str, str] = {}
-        self._data_version: int | None = None
+        self._data_version: tuple[int, int] | None = None
         self._lock = threading.Lock()
 
-    def change_token(self, session_id: str, data_version: int | None) -> str | None:
+    def change_token(self, session_id: str, data_version: tuple[int, int] | None) -> str | None:
         """Return the session's change token, if it was read at this version of the database."""
         with self._lock:
             return self._change_tokens.get(session_id) if data_version == self._data_version else None
 
-    def keep_change_token(self, session_id: str, data_version: int | None, change_token: str) -> None:
+    def keep_change_token(
+        self, session_id: str, data_version: tuple[int, int] | None, change_token: str
+    ) -> None:
         """Note a change token that was read after this version of the database; None is no version."""
         with self._lock:
-            if data_version is None or data_version != self._data_version:
+            is_full = len(self._change_tokens) >= CACHE_TAGS
+            if data_version is None or data_version != self._data_version or is_full:
                 self._change_tokens.clear()
                 self._data_version = data_version
             if data_version is not None:

@@ -7,7 +7,6 @@ compressed answer is another representation of the same content, so that its ent
 
 from __future__ import annotations
 
-from isal import igzip
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -80,6 +79,8 @@ def _weaken_tag(headers: MutableHeaders) -> None:
 
 
 def _compressed(body: bytes) -> bytes:
+    from isal import igzip  # 2.6 MB, only for those who answer
+
     return bytes(igzip.compress(body, LEVEL, mtime=0))  # no time in it: the same bytes for the same answer
 
 

@@ -63,6 +63,7 @@ class Database:
         self._read_session = orm.sessionmaker(self._reader, expire_on_commit=False)
         self._group = GroupCommit(self._driver_transaction)
         self._version_cursor: Any = None
+        self._version_cursors = 0
         self._version_lock = threading.Lock()
 
     @property
@@ -162,13 +163,14 @@ class Database:
         rows = self._read_version(_ACCESS_VERSION)
         return None if rows is None else int(rows[0][0]) if rows else 0
 
-    def data_version(self) -> int | None:
-        """Return a number that is another one after each change, whoever committed it; waits for nothing.
+    def data_version(self) -> tuple[int, int] | None:
+        """Return what is another one after each change, whoever committed it; waits for nothing.
 
-        None where it cannot be read at once, as `access_version`.
+        None where it cannot be read at once, as `access_version`. SQLite counts for each connection anew: the first
+        number is that of the connection.
         """
         rows = self._read_version("PRAGMA data_version")
-        return int(rows[0][0]) if rows else None
+        return (self._version_cursors, int(rows[0][0])) if rows else None
 
     def _read_version(self, statement: str) -> list[Any] | None:
         if not self.is_sqlite:
@@ -187,6 +189,7 @@ class Database:
         driver.detach()  # it is kept: taking one from the pool costs more than the question
         cursor = driver.cursor()
         cursor.execute("PRAGMA busy_timeout=0")
+        self._version_cursors += 1
         return cursor
 
     @contextmanager

@@ -40,9 +40,9 @@ class Side:
     """One side of a lattice, all as shares from 0 to 1.
 
     `seen` of its outermost corners; `visible` of the places of the line beyond, where the outermost squares end: those
-    in the image, 0 where one or two are and do not show that no squares follow; `squares` of the outermost squares in
-    the image: those that reach as deep as most do; `beyond` of the visible places: those that are corners again,
-    followed by squares of the other colour.
+    in the image, 0 where one or two are and these are less than half, or do not show that no squares follow; `squares`
+    of the outermost squares in the image: those that reach as deep as most do; `beyond` of the visible places: those
+    that are corners again, followed by squares of the other colour.
     `is_crossed`: the squares go on beyond something that lies across them.
     """
 

@@ -167,16 +167,18 @@ def test_sides_of_a_lattice(dtype: type, seed: int) -> None:
     grid, gap = lattice_with_holes(rng, 6 + seed % 2, 8 + seed // 2 % 2, 0.2)
     bright = bool(seed % 2)
     around = rng.random((4, max(gap.shape))) < 0.3
-    found = look_at_sides(image.astype(dtype), grid, gap, bright, around)
     rows, columns = gap.shape
-    across = np.swapaxes(grid, 0, 1)
-    lines = (grid[:3], grid[::-1][:3], across[:3], across[::-1][:3])
     gaps = (gap[0], gap[-1], gap[:, 0], gap[:, -1])
     colours = (not bright, bright == (rows % 2 == 1), not bright, bright == (columns % 2 == 1))
-    for side in range(4):
-        beyond = around[side, : len(gaps[side])]
-        expected = plain_side(image, lines[side], gaps[side], colours[side], beyond)
-        np.testing.assert_allclose(found[side], expected, rtol=1e-12)
+    turn = np.array([[1.0, 0.15], [-0.15, 1.0]])
+    for moved in np.linspace(-80.0, 80.0, 17):  # until one or two places of a side are left in the image
+        turned = grid @ turn + moved
+        found = look_at_sides(image.astype(dtype), turned, gap, bright, around)
+        across = np.swapaxes(turned, 0, 1)
+        for side, lines in enumerate((turned[:3], turned[::-1][:3], across[:3], across[::-1][:3])):
+            beyond = around[side, : len(gaps[side])]
+            expected = plain_side(image, lines, gaps[side], colours[side], beyond)
+            np.testing.assert_allclose(found[side], expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(6))

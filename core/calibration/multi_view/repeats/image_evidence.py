@@ -71,7 +71,7 @@ def _spatial_median(values: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " d"]
     middle = values.mean(axis=0)
     for _ in range(_MEDIAN_STEPS):
         distance = np.linalg.norm(values - middle, axis=1)
-        weight = 1.0 / np.maximum(distance, 1e-9 * distance.max(initial=1e-300))
+        weight = 1.0 / np.maximum(distance, max(1e-9 * distance.max(), 1e-290))
         middle = weight @ values / weight.sum()
     return np.asarray(middle)
 

@@ -63,16 +63,18 @@ def test_an_image_that_ends_with_the_corners_does_not_show_a_whole_board(side: i
     assert not found.is_whole
 
 
-@pytest.mark.parametrize(
-    ("rows", "in_view", "ends"), [(10, 4, True), (10, 3, True), (10, 2, False), (4, 3, True)]
-)
+ENDS = [(5.0, 10, 4, True), (5.0, 10, 3, True), (5.0, 10, 2, False), (5.0, 4, 2, False), (12.0, 4, 2, True)]
+
+
+@pytest.mark.parametrize(("turn_deg", "rows", "in_view", "ends"), ENDS)
 @pytest.mark.parametrize("corner", range(4))
-def test_part_of_a_side_shows_where_the_board_ends(rows: int, in_view: int, ends: bool, corner: int) -> None:
-    """The image's border cuts the outermost squares of a turned board; those left show its end, two do not."""
-    asked, larger = TargetSpec("chessboard", 8, rows, 20.0), (9, rows)
-    for columns, lines in ((8, rows), larger):
-        image = board_cut_aslant(columns, lines, in_view)
-        image = np.ascontiguousarray(np.rot90(image, corner))
+def test_part_of_a_side_shows_where_the_board_ends(
+    turn_deg: float, rows: int, in_view: int, ends: bool, corner: int
+) -> None:
+    """The border cuts the outermost squares of a turned board; two ends suffice where no squares follow there."""
+    asked = TargetSpec("chessboard", 8, rows, 20.0)
+    for columns in (8, 9):
+        image = np.ascontiguousarray(np.rot90(board_cut_aslant(columns, rows, in_view, turn_deg), corner))
         if ends and columns == 8:
             assert len(detect(image, asked)) == 8 * rows
         else:
@@ -80,10 +82,10 @@ def test_part_of_a_side_shows_where_the_board_ends(rows: int, in_view: int, ends
                 detect(image, asked)
 
 
-def board_cut_aslant(columns: int, rows: int, in_view: int) -> np.ndarray:
+def board_cut_aslant(columns: int, rows: int, in_view: int, turn_deg: float) -> np.ndarray:
     """A turned board, the image cut so that of the places one square right of its eighth column so many are in it."""
     image, grid = board(columns, rows, margin=4)
-    turn = cv2.getRotationMatrix2D((0.0, 0.0), 5.0, 1.0)
+    turn = cv2.getRotationMatrix2D((0.0, 0.0), turn_deg, 1.0)
     turn[1, 2] = down = 0.25 * image.shape[1]
     size = image.shape[1] + round(0.25 * image.shape[0]), image.shape[0] + round(down)
     turned = cv2.warpAffine(image, turn, size, borderValue=200.0)
