@@ -8,7 +8,7 @@ corners are refined as any chessboard's (`refinement`), by pixels along the squa
 of the model where the blur brings them there.
 
 Any part of a board serves that has enough corners for a pose, and enough markers to be distinguished from all else:
-some that agree where the board is, in two of its rows, and next to none that contradict them.
+some that agree where the board is, in rows that determine its width, and next to none that contradict them.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Determine where on a ChArUco board a lattice of corners lies, from the markers in its squares.
 
 Each decoded marker votes for the place of the lattice's first corner on the board, and for the lattice's turn. The
-lattice is placed by the vote of enough markers; if more than a few contradict it, it belongs to another board. Two
-rows of markers must agree: those of one row have the same places on boards of other widths. A corner far from all
-agreeing markers is not labelled, since a lattice may have slipped on the way there.
+lattice is placed by the vote of enough markers; if more than a few contradict it, it belongs to another board. Their
+rows must determine its width: those of one row, and often of two adjacent ones, have the same places on boards of
+other widths. A corner far from all agreeing markers is not labelled, since a lattice may have slipped on the way there.
 """
 
 from __future__ import annotations
@@ -154,9 +154,27 @@ def is_inconsistent(conflicting: int, agreeing: int) -> bool:
 
 
 def has_enough_markers(markers: Collection[int], layout: CharucoLayout, codes: MarkerDictionary) -> bool:
-    """Return whether enough markers agree to place the board: not by chance, and in two of its rows."""
+    """Return whether enough markers agree to place the board: not by chance, and in rows that determine its width."""
     rows = layout.marker_squares[sorted(markers), 1]
-    return len(rows) >= codes.least_agreeing and int(np.ptp(rows)) > 0
+    if len(rows) < codes.least_agreeing or np.ptp(rows) == 0:
+        return False
+    return bool(np.ptp(rows) > 1) or not _fit_another_width(sorted(markers), layout)
+
+
+def _fit_another_width(markers: list[int], layout: CharucoLayout) -> bool:
+    """Return whether a wider or narrower board has all of these markers in the same places, but for a displacement.
+
+    Markers are numbered row by row, and a row has half as many as squares, rounded: in two adjacent rows boards of
+    about one width differ at the ends of rows alone.
+    """
+    squares, width = layout.marker_squares[markers], layout.target.columns + 1
+    for other in (width - 2, width - 1, width + 1, width + 2):
+        rows = 2 * (markers[-1] + 1) // max(other - 1, 1) + 2
+        for parity in range(2):
+            places = [(i, j) for j in range(rows) for i in range(other) if (i + j) % 2 == parity]
+            if len(np.unique(np.array(places)[markers] - squares, axis=0)) == 1:
+                return True
+    return False
 
 
 def _votes(

@@ -7,6 +7,8 @@ import pytest
 
 from core.errors import InvalidTarget
 from core.targets.charuco.layout import charuco_layout
+from core.targets.charuco.placement import has_enough_markers
+from core.targets.markers import marker_codes
 from core.targets.specification import TargetSpec
 from tests.support.image.opencv_boards import opencv_board
 
@@ -16,6 +18,9 @@ BOARDS = [
     for legacy in (False, True)
     for dictionary in ("DICT_4X4_50", "DICT_6X6_250", "DICT_APRILTAG_36h11")
 ]
+
+
+DICTIONARY = "DICT_5X5_250"
 
 
 @pytest.mark.parametrize(("columns", "rows", "legacy", "dictionary"), BOARDS)
@@ -51,3 +56,36 @@ def test_a_marker_that_is_not_there() -> None:
 def test_impossible_boards_are_refused(target: TargetSpec, words: str) -> None:
     with pytest.raises(InvalidTarget, match=words):
         charuco_layout(target)
+
+
+@pytest.mark.parametrize("legacy", [False, True])
+@pytest.mark.parametrize("columns", [4, 5, 7, 8, 11])
+def test_markers_place_a_board_where_no_wider_or_narrower_one_has_them(columns: int, legacy: bool) -> None:
+    def squares_of(width: int, rows: int, is_legacy: bool) -> np.ndarray:
+        target = TargetSpec("charuco", width, rows, 30.0, 20.0, DICTIONARY, legacy_layout=is_legacy)
+        return charuco_layout(target).marker_squares
+
+    layout = charuco_layout(TargetSpec("charuco", columns, 6, 30.0, 20.0, DICTIONARY, legacy_layout=legacy))
+    others = [
+        squares_of(width, rows, is_legacy)
+        for width in range(3, 15)
+        for rows in (9, 10)
+        for is_legacy in (False, True)
+        if width != columns
+    ]
+    rng, seen = np.random.default_rng(columns), set()
+    for _ in range(300):
+        first = rng.integers(0, 6)
+        near = np.flatnonzero(np.isin(layout.marker_squares[:, 1], first + np.arange(rng.integers(1, 4))))
+        markers = sorted(rng.choice(near, min(4, len(near)), replace=False).tolist())
+        squares = layout.marker_squares[markers]
+        fits = any(
+            len(other) > markers[-1] and len(np.unique(other[markers] - squares, axis=0)) == 1
+            for other in others
+        )
+        one_row = np.ptp(squares[:, 1]) == 0
+        assert has_enough_markers(markers, layout, marker_codes(DICTIONARY)) == (
+            len(markers) >= marker_codes(DICTIONARY).least_agreeing and not fits and not one_row
+        )
+        seen.add((int(np.ptp(squares[:, 1])), fits))
+    assert {(0, True), (1, True), (1, False), (2, False)} <= seen

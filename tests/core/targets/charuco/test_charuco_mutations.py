@@ -34,6 +34,14 @@ def test_no_grid_point_of_some_views_has_a_wrong_name() -> None:
     assert "no advice" not in {code for code, _ in outcomes}
 
 
+def test_adjacent_rows_of_a_soiled_board_are_no_wider_board() -> None:
+    """Markers 5, 6 and 8 stand on a board of six columns as on one of seven, displaced by two columns."""
+    view = mutated_view(681602599, 49)
+    assert (view.target.columns, view.changes[:2]) == (7, ("size", "flipped_cells"))
+    code, wrong = outcome(view)
+    assert (code, wrong) == ("target_not_found", 0)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [20])
 def test_no_grid_point_has_a_wrong_name(seed: int) -> None:
