@@ -28,11 +28,10 @@ from core.targets.charuco.isolated_markers import (
     refined_markers,
 )
 from core.targets.charuco.layout import CharucoLayout, charuco_layout, column_offset
+from core.targets.charuco.marker_agreement import has_enough_markers, is_inconsistent
 from core.targets.charuco.pieces import LatticePiece, corners_in_view, merge_pieces
 from core.targets.charuco.placement import (
     PlacedLattice,
-    has_enough_markers,
-    is_inconsistent,
     lattices_of,
     locate_on_board,
 )

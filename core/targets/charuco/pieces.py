@@ -16,7 +16,8 @@ from jaxtyping import Float, Int
 from core.errors import TargetMismatch
 from core.geometry import find_homography, map_in_front
 from core.targets.charuco.layout import CharucoLayout
-from core.targets.charuco.placement import PlacedLattice, has_enough_markers
+from core.targets.charuco.marker_agreement import has_enough_markers
+from core.targets.charuco.placement import PlacedLattice
 from core.targets.markers import MarkerDictionary
 from core.targets.specification import TargetSpec
 

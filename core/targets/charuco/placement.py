@@ -8,7 +8,7 @@ other widths. A corner far from all agreeing markers is not labelled, since a la
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 from core.targets.candidates import patch_corners, whole_lattices
 from core.targets.charuco.board_ends import PlacedCorners, extends_beyond, is_too_short
 from core.targets.charuco.layout import CharucoLayout, column_offset, legacy_counterpart
+from core.targets.charuco.marker_agreement import has_enough_markers, is_inconsistent
 from core.targets.lattice import EDGE_SIDE_OFFSET, MIN_COSINE, Lattice, Level, find_saddles, link
 from core.targets.markers import (
     DecodedMarkers,
@@ -28,7 +29,6 @@ from core.targets.markers import (
     places_in_squares,
 )
 
-_CONTRARY = 0.2  # of the markers that agree: so many may contradict them, misread or pasted there
 _RIVALS = 2  # markers that agree on another place: another board's
 _MAX_PATCHES = 12  # of a level, the largest
 _PLAIN = 0.9  # of the margin between a square's edges and its marker
@@ -146,35 +146,6 @@ def _are_most_read(votes: PlacementVotes, lattice: Lattice) -> bool:
     known = lattice.known
     closed = known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:]
     return bool(len(votes.markers) >= _MOST * 0.5 * np.count_nonzero(closed))
-
-
-def is_inconsistent(conflicting: int, agreeing: int) -> bool:
-    """Return whether more markers contradict those that agree than dirt explains."""
-    return conflicting > _CONTRARY * agreeing
-
-
-def has_enough_markers(markers: Collection[int], layout: CharucoLayout, codes: MarkerDictionary) -> bool:
-    """Return whether enough markers agree to place the board: not by chance, and in rows that determine its width."""
-    rows = layout.marker_squares[sorted(markers), 1]
-    if len(rows) < codes.least_agreeing or np.ptp(rows) == 0:
-        return False
-    return bool(np.ptp(rows) > 1) or not _fit_another_width(sorted(markers), layout)
-
-
-def _fit_another_width(markers: list[int], layout: CharucoLayout) -> bool:
-    """Return whether a wider or narrower board has all of these markers in the same places, but for a displacement.
-
-    Markers are numbered row by row, and a row has half as many as squares, rounded: in two adjacent rows boards of
-    about one width differ at the ends of rows alone.
-    """
-    squares, width = layout.marker_squares[markers], layout.target.columns + 1
-    for other in (width - 2, width - 1, width + 1, width + 2):
-        rows = 2 * (markers[-1] + 1) // max(other - 1, 1) + 2
-        for parity in range(2):
-            places = [(i, j) for j in range(rows) for i in range(other) if (i + j) % 2 == parity]
-            if len(np.unique(np.array(places)[markers] - squares, axis=0)) == 1:
-                return True
-    return False
 
 
 def _votes(

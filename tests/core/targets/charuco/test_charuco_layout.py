@@ -7,7 +7,7 @@ import pytest
 
 from core.errors import InvalidTarget
 from core.targets.charuco.layout import charuco_layout
-from core.targets.charuco.placement import has_enough_markers
+from core.targets.charuco.marker_agreement import has_enough_markers
 from core.targets.markers import marker_codes
 from core.targets.specification import TargetSpec
 from tests.support.image.opencv_boards import opencv_board
