@@ -152,13 +152,18 @@ def test_new_images_and_waiting_ones_change_it(api: Any, store: Store) -> None:
     assert len(set(marks)) == 3
 
 
-def test_an_unchanged_session_is_neither_read_nor_computed_again(
-    api: Any, store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def answered(api: Any, store: Store) -> tuple[str, str, Any]:
+    """Return a session, the address of its table of repeatability, and the first answer from there."""
     session = new_session(api)
     store(api, session, shoot(cycles=2))
     url = f"/v1/sessions/{session}/repeatability"
-    first = api.client.get(url)
+    return session, url, api.client.get(url)
+
+
+def test_an_unchanged_session_is_neither_read_nor_computed_again(
+    api: Any, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, url, first = answered(api, store)
     with monkeypatch.context() as broken:
         broken.delattr("app.analyses.service.compute")
         broken.delattr("app.analyses.service.read_snapshot")
@@ -176,10 +181,7 @@ def test_an_unchanged_session_is_neither_read_nor_computed_again(
 def test_a_database_that_nobody_wrote_to_is_not_asked_for_the_mark(
     api: Any, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    session = new_session(api)
-    store(api, session, shoot(cycles=2))
-    url = f"/v1/sessions/{session}/repeatability"
-    first = api.client.get(url)  # it writes the answer itself
+    session, url, first = answered(api, store)  # the first question writes the answer itself
     assert api.client.get(url).content == first.content
     with monkeypatch.context() as broken:
         broken.delattr("app.analyses.service.read_change_token")
