@@ -20,7 +20,8 @@ from collections.abc import Callable, Iterator
 from typing import Any, TypeVar, cast, overload
 
 _OPT_LEVEL = 1
-"""LLVM's. Levels 2 and 3 take longer and yield kernels of the same speed: numba has loops vectorised at all of them."""
+"""LLVM's. Levels 2 and 3 take longer and yield kernels of the same speed: numba has loops vectorised at all of them, as
+long as what they call is small or `inlined`."""
 _GC_THRESHOLDS = (200_000, 20, 100)
 """Where many long-lived objects are made: with the usual thresholds numba spends a fifth of its time on them."""
 
@@ -32,10 +33,12 @@ def jit(kernel: Function, /) -> Function: ...
 
 
 @overload
-def jit(*signatures: str, reassociates: bool = ...) -> Callable[[Function], Function]: ...
+def jit(
+    *signatures: str, reassociates: bool = ..., inlined: bool = ...
+) -> Callable[[Function], Function]: ...
 
 
-def jit(*kernel_or_signatures: Any, reassociates: bool = False) -> Any:
+def jit(*kernel_or_signatures: Any, reassociates: bool = False, inlined: bool = False) -> Any:
     """Return the function compiled for each of the declared signatures, or for the types of its first call.
 
     A signature lists the argument types in numba's notation, without the return type: `"u1[:,::1], f8[:], i8"`.
@@ -43,21 +46,26 @@ def jit(*kernel_or_signatures: Any, reassociates: bool = False) -> Any:
     Division by zero gives infinities and NaN, as in numpy. The global interpreter lock is free while a kernel runs.
     numba itself, a quarter of a second and 65 MB, is imported by the first call: processes that import kernels and run
     none do without it. A kernel that `reassociates` leaves the order of its sums, and whether a product is rounded
-    before it is added, to the processor's vectors; infinities and NaN are what they are elsewhere.
+    before it is added, to the processor's vectors; infinities and NaN are what they are elsewhere. One that is
+    `inlined` becomes part of the kernels that call it, which LLVM decides for small ones alone: a loop with a call is
+    not vectorised.
     """
     if len(kernel_or_signatures) == 1 and callable(kernel_or_signatures[0]):
-        return Kernel(kernel_or_signatures[0], (), reassociates)
-    return lambda kernel: Kernel(kernel, kernel_or_signatures, reassociates)
+        return Kernel(kernel_or_signatures[0], (), reassociates, inlined)
+    return lambda kernel: Kernel(kernel, kernel_or_signatures, reassociates, inlined)
 
 
 class Kernel:
     """Stands for numba's function, which it makes when it is first called or asked for anything."""
 
-    def __init__(self, function: Callable[..., Any], signatures: tuple[str, ...], reassociates: bool) -> None:
+    def __init__(
+        self, function: Callable[..., Any], signatures: tuple[str, ...], reassociates: bool, inlined: bool
+    ) -> None:
         plain = inspect.unwrap(function)  # without the shape checks that tests wrap around every function
         functools.update_wrapper(self, plain)
         self._plain = plain
         self._fastmath = {"reassoc", "contract", "nsz"} if reassociates else False
+        self._inlined = inlined
         self.declared = signatures
         """Argument types, in numba's notation, for which an installation compiles the kernel ahead."""
 
@@ -79,7 +87,13 @@ class Kernel:
     def _compiled(self) -> Any:
         from core.code_cache import CodeCache
 
-        options = {"nopython": True, "nogil": True, "error_model": "numpy", "fastmath": self._fastmath}
+        options = {
+            "nopython": True,
+            "nogil": True,
+            "error_model": "numpy",
+            "fastmath": self._fastmath,
+            "forceinline": self._inlined,
+        }
         declared = tuple(map(_parsed, self.declared))
         dispatcher = _dispatcher_type()(self._plain, options, declared)
         with contextlib.suppress(OSError):  # there is no file of the source: typed in, or from an archive
@@ -95,7 +109,7 @@ class Kernel:
         return self._dispatcher(*arguments)
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__") or name in ("_plain", "_fastmath", "declared"):
+        if name.startswith("__") or name in ("_plain", "_fastmath", "_inlined", "declared"):
             raise AttributeError(name)
         return getattr(self._dispatcher, name)
 

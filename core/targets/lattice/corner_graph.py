@@ -126,12 +126,13 @@ def neighbours(
     cost = np.empty(4, dtype=np.float32)
     for p in range(count):
         cost[:] = np.float32(np.inf)
+        farthest = np.float32(np.inf)
         x, y = points[p, 0], points[p, 1]
+        own = rays[p]
         column, row = cells[p, 0], cells[p, 1]
         visited = 0
         reach = 0
         while reach <= max(across, down) and visited < _MAX_VISITED:
-            farthest = max(max(cost[0], cost[1]), max(cost[2], cost[3]))
             if farthest < (reach - 1) * cell:
                 break
             for r in range(max(row - reach, 0), min(row + reach, down - 1) + 1):
@@ -147,21 +148,21 @@ def neighbours(
                         visited += 1
                         dx, dy = points[q, 0] - x, points[q, 1] - y
                         length = np.sqrt(dx * dx + dy * dy)
-                        if length < 2.0:
+                        if length < 2.0 or length >= farthest:
                             continue
-                        ux, uy = dx / length, dy / length
-                        out, straight = -1, least_cosine
+                        least = least_cosine * length
+                        out, straight = -1, least
                         for k in range(4):
-                            cosine = rays[p, k, 0] * ux + rays[p, k, 1] * uy
-                            if cosine > straight:
-                                out, straight = k, cosine
+                            along = own[k, 0] * dx + own[k, 1] * dy
+                            if along > straight:
+                                out, straight = k, along
                         if out < 0 or length >= cost[out]:
                             continue
-                        back, straight = -1, least_cosine
+                        back, straight = -1, least
                         for m in range((out + 1) % 2, 4, 2):
-                            cosine = -rays[q, m, 0] * ux - rays[q, m, 1] * uy
-                            if cosine > straight:
-                                back, straight = m, cosine
+                            along = -rays[q, m, 0] * dx - rays[q, m, 1] * dy
+                            if along > straight:
+                                back, straight = m, along
                         if back < 0:
                             continue
                         weaker = min(contrast[p], contrast[q])
@@ -171,7 +172,7 @@ def neighbours(
                         # looked at along the other edge, so as to stay in the two squares at any tilt
                         nx, ny = rays[p, (out + 1) % 4, 0], rays[p, (out + 1) % 4, 1]
                         ox, oy = rays[p, (out + 3) % 4, 0], rays[p, (out + 3) % 4, 1]
-                        sine = max(abs(ux * ny - uy * nx), np.float32(0.3))
+                        sine = max(abs(dx * ny - dy * nx) / length, np.float32(0.3))
                         offset = max(np.float32(side_offset) * length, np.float32(1.0) / sine)
                         if out % 2 == 1:
                             nx, ny, ox, oy = ox, oy, nx, ny
@@ -187,12 +188,14 @@ def neighbours(
                             difference = np.float32(smooth[bv, bu]) - np.float32(smooth[dv, du])
                             if difference <= 0.0:
                                 sides = np.float32(-np.inf)
+                                break
                             sides += difference
                         if sides < _LOOKS * _MIN_EDGE * weaker:
                             continue
                         cost[out] = length
                         best[p, out] = q
                         arrives[p, out] = back
+                        farthest = max(max(cost[0], cost[1]), max(cost[2], cost[3]))
             reach += 1
     for p in range(count):
         for k in range(4):

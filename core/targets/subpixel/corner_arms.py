@@ -39,7 +39,7 @@ _P_SERIES = _series(lambda x: erf(x / math.sqrt(2.0)) / x)
 _BELL_SERIES = _series(lambda x: np.exp(-0.5 * x**2) / math.sqrt(2.0 * math.pi))
 
 
-@jit("f8, f8, f8, f8, f8, f8", reassociates=True)
+@jit("f8, f8, f8, f8, f8, f8", reassociates=True, inlined=True)
 def _model_at(
     a: float, slope: float, top: float, side: float, sigma: float, per_contrast: float
 ) -> tuple[float, float, float, float]:
