@@ -17,6 +17,10 @@ MAX_DISPLACEMENT = 0.4
 MIN_CONTRAST = 0.15
 """Of the median."""
 _MIN_ARM, _ARM_SIGMAS = 0.5, 4.0  # of the corner's contrast, across each of its four arms; beyond noise
+_MIN_EXPLAINED = 25.0
+"""What a corner explains of its pixels' squares, in the residuals' variance. Noise behind a smooth cover lets it
+explain 6, the number of unknowns besides the level, and up to 19 where a place and a blur were found that suit it.
+Corners 8 px apart whose contrast is four times the noise explain 30 and more."""
 _MAX_VARIANCE = 4.0  # of the residuals, times the median
 _SMALL_RESIDUAL = 0.01  # of half the contrast: without noise the model itself shows
 _MOST_SPREAD, _MISFIT = 1.0, 0.25
@@ -83,6 +87,7 @@ def accepted_corners(
         trusted &= (excess < _MAX_VARIANCE) | (relative < _SMALL_RESIDUAL**2)
         share = _POOLED / (_POOLED + freedom)
         variance = share * noise + (1.0 - share) * variance
+        trusted &= steps[:, model.EXPLAINED] > _MIN_EXPLAINED * variance
         arm_sigma = steps[:, model.WEAKEST_ARM_SIGMA] * np.sqrt(variance)
         trusted &= ~(steps[:, model.WEAKEST_ARM] < np.minimum(_MIN_ARM, 1.0 - _ARM_SIGMAS * arm_sigma))
     uneven = steps[:, model.UNEVEN] ** 2 / (steps[:, model.UNEVEN_VARIANCE] * variance)

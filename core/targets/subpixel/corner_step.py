@@ -14,6 +14,7 @@ from core.targets.subpixel.corner_model import (
     COV_UU,
     COV_UV,
     COV_VV,
+    EXPLAINED,
     LEVEL,
     N1_U,
     N1_V,
@@ -207,7 +208,8 @@ def _look_back(
     b: Float[np.ndarray, " 7"],
     out: Float[np.ndarray, " step"],
 ) -> None:
-    """Sum up the residuals' squares, and by how much the arms disagree, in place and in contrast.
+    """Sum up the squares of the residuals, and of what the model explains beyond one level, and by how much the arms
+    disagree, in place and in contrast.
 
     An arm's own shift is Σ D r / (c Σ D²), of variance 1 / (c² Σ D²) in unit noise. Position moves both arms of an
     edge equally, spread ink moves them apart and does so for both edges: left is the difference of the differences.
@@ -216,6 +218,7 @@ def _look_back(
     for i in range(7):
         squares -= b[i] * A[7, i]
     out[SQUARES], out[SAMPLES] = max(squares, 0.0), A[2, 2]
+    out[EXPLAINED] = A[7, 7] - A[7, 2] ** 2 / A[2, 2] - squares
     _compare_arms(parts, b, out)
     uneven, variance = 0.0, 0.0
     for arm in range(4):

@@ -8,7 +8,7 @@ import pytest
 
 from core.errors import DetectionError
 from core.targets import detect
-from tests.support.image.mutated_views import MutatedView, mutated_views
+from tests.support.image.mutated_views import MutatedView, mutated_view, mutated_views
 
 VIEWS = 60
 
@@ -18,6 +18,12 @@ def test_no_corner_of_some_views_is_named_wrongly() -> None:
     found = [wrong_names(view) for view in islice(mutated_views(11, kind="aprilgrid"), VIEWS // 4)]
     assert 0 in found
     assert set(found) <= {0, None}
+
+
+def test_a_corner_under_paper_is_not_measured_in_the_paper_s_noise() -> None:
+    """Half a tag is in view, and its code places the corner that is hidden."""
+    view = mutated_view(2492722348, 25, "aprilgrid")
+    assert wrong_names(view) == 0
 
 
 @pytest.mark.slow

@@ -54,6 +54,21 @@ def test_covered_corners_are_not_believed_and_spoil_no_other(take: Take) -> None
     assert refined.trusted[away].mean() > 0.9
 
 
+def test_noise_behind_a_smooth_cover_is_no_corner(take: Take) -> None:
+    """Noise has some place that suits the model, and does so well enough in one of a dozen to look like a corner."""
+    scene, image = take(9, 6, seed=2, tilt_deg=10.0)
+    points = scene.points_px
+    hidden = [10, 16, 37, 43]
+    half = int(0.8 * np.linalg.norm(points[1] - points[0]))
+    levels = 100.0 + 0.12 * (image - 128.0)
+    for u, v in np.rint(points[hidden]).astype(int):
+        levels[v - half : v + half, u - half : u + half] = 90.0
+    away = np.linalg.norm(points[:, None] - points[hidden], axis=2).min(axis=1) > 1.9 * half
+    trusted = np.array([refine_scene(scene, to_8_bit(levels, 15.0, seed)).trusted for seed in range(12)])
+    assert not trusted[:, hidden].any()
+    assert trusted[:, away].mean() > 0.8
+
+
 @pytest.mark.parametrize(
     ("peak_levels", "seeds"),
     [
