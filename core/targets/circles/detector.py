@@ -14,7 +14,7 @@ from jaxtyping import Float, Shaped, UInt8, UInt16
 
 from core.errors import Advisory, OriginUnknown, TargetMirrored, TargetMismatch, TargetNotFound
 from core.targets.circles.blobs import Dots, find_dots
-from core.targets.circles.board_ends import extends_beyond, without_stray_lines
+from core.targets.circles.board_ends import cut_by_border, extends_beyond, without_stray_lines
 from core.targets.circles.board_matching import (
     MIN_SEEN_SHARE,
     BoardMatch,
@@ -192,6 +192,9 @@ def _grid_points(
         matches[0].ideal[clear]
     ):
         raise _too_poor(target, int(clear.sum()))
+    is_cut, is_out = cut_by_border(matches[0].ideal, replace(fitted, trusted=clear), image.shape)
+    fitted = replace(fitted, trusted=fitted.trusted & ~is_out)
+    clear &= ~is_cut
     uncertainty = np.hypot(uncertainty, moved)
     centres, radius, off, trusted = perspective_corrected_centres(
         matches[0].ideal, replace(fitted, trusted=clear), 0.5 * (np.array(image.shape[::-1]) - 1.0)
@@ -202,7 +205,7 @@ def _grid_points(
     )
     J, drawn = plane_map(matches[0].ideal, centres, trusted.astype(np.float64))
     in_place = np.hypot(*(centres - drawn).T) <= _IN_PLACE * fitted.radius_px
-    # Dots in a highlight serve for labels, but not for places.
+    # Dots in a highlight, and those that the border cuts, serve for labels, but not for places.
     trusted |= fitted.trusted & similar & ~clear & in_place
     usual_contrast, usual_radius = (
         float(np.median(values[trusted])) if trusted.any() else 0.0 for values in (contrast, radius)

@@ -78,7 +78,10 @@ def unstated_uncertainty(
     total = int(fitted.trusted.sum())
     if total >= _MIN_SCATTERED:
         free = 1.0 - LENS_PARAMETERS / (2.0 * total)
-        in_units = (off_px / uncertainty_px) ** 2 / (2.0 * free)
+        in_units = np.full(len(radius), np.nan)  # of dots that were fitted; others have no uncertainty
+        in_units[fitted.trusted] = (off_px[fitted.trusted] / uncertainty_px[fitted.trusted]) ** 2 / (
+            2.0 * free
+        )
         for kind in (clipped, ~clipped):
             some = fitted.trusted & kind
             count = int(some.sum())

@@ -41,6 +41,13 @@ def test_no_dot_of_some_views_is_named_wrongly(kind: str) -> None:
     assert any(code == "measured" for code, _ in named_rightly(kind, VIEWS // 4))
 
 
+def test_dots_of_which_the_border_leaves_a_rim_make_no_board() -> None:
+    """The corner of another lattice of dots, in three rows, of which the first has two dots in view."""
+    view = mutated_view(2719789055, 3, "circles")
+    with pytest.raises(DetectionError):
+        detect(view.image, view.target)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_dot_is_named_wrongly(kind: str) -> None:
