@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Shaped, UInt8, UInt16
+from jaxtyping import Bool, Float, Shaped, UInt8, UInt16
 
 from core.errors import Advisory, OriginUnknown, TargetMirrored, TargetMismatch, TargetNotFound
 from core.targets.circles.blobs import Dots, find_dots
@@ -188,13 +188,11 @@ def _grid_points(
     usual = float(np.median(variance[clear])) if clear.any() else 0.0
     similar = (variance <= _MAX_VARIANCE * max(usual, 1.0)) & (contrast >= _MIN_CONTRAST * np.sqrt(noise))
     clear &= similar
-    if clear.sum() < max(MIN_DOTS, min(_SUFFICIENT_DOTS, _MIN_CLEAR_SHARE * target.size)) or not _is_spread(
-        matches[0].ideal[clear]
-    ):
-        raise _too_poor(target, int(clear.sum()))
+    _require_clear(clear, matches[0], target)
     is_cut, is_out = cut_by_border(matches[0].ideal, replace(fitted, trusted=clear), image.shape)
     fitted = replace(fitted, trusted=fitted.trusted & ~is_out)
     clear &= ~is_cut
+    _require_clear(clear, matches[0], target)
     uncertainty = np.hypot(uncertainty, moved)
     centres, radius, off, trusted = perspective_corrected_centres(
         matches[0].ideal, replace(fitted, trusted=clear), 0.5 * (np.array(image.shape[::-1]) - 1.0)
@@ -256,6 +254,13 @@ def _grid_points(
         warnings=warnings,
         labelling="absolute" if is_resolved else "up_to_symmetry",
     )
+
+
+def _require_clear(clear: Bool[np.ndarray, " n"], match: BoardMatch, target: TargetSpec) -> None:
+    """Raise TargetNotFound unless the clear dots suffice to measure the board by them."""
+    enough = max(MIN_DOTS, min(_SUFFICIENT_DOTS, _MIN_CLEAR_SHARE * target.size))
+    if clear.sum() < enough or not _is_spread(match.ideal[clear]):
+        raise _too_poor(target, int(clear.sum()))
 
 
 def _is_spread(ideal: Float[np.ndarray, "n 2"]) -> bool:

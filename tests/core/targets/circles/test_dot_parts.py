@@ -43,6 +43,16 @@ def test_dots_that_the_image_border_cuts_are_not_measured(spec: TargetSpec, left
     assert len(found) > 0.9 * np.count_nonzero(places[:, 0] > begin)
 
 
+def test_a_board_whose_outer_rows_are_cut_is_refused() -> None:
+    board = TargetSpec("circles", 9, 3, 25.0)
+    scene = replace(scene_of(board, 5.0, seed=6, roll=0.0), noise_levels=2.0, clutter=0.0)
+    rows = scene.points_px.reshape(3, 9, 2)[:, :, 1]
+    top, bottom = sorted((float(rows[0].mean()), float(rows[2].mean())))
+    image = np.ascontiguousarray(render(scene)[round(top) - 4 : round(bottom) + 4])
+    with pytest.raises(TargetNotFound, match="too poor"):
+        detect(image, board)
+
+
 WINDOWS = {
     "right": (-9.0, -9.0, 0.75, 9.0),
     "bottom": (-9.0, -9.0, 9.0, 0.75),
