@@ -1,7 +1,7 @@
 """Where the machine code of kernels is kept: one file per kernel and signature, named by what it was compiled from.
 
-A file's name holds hashes of the source of the kernel's module and of the modules of the kernels that it calls, of the
-constants that these name, and of the signature, the processor, and the versions of Python, numba and LLVM. Neither
+A file's name holds hashes of name and source of the kernel's module and of the modules of the kernels that it calls, of
+the constants that these name, and of the signature, the processor, and the versions of Python, numba and LLVM. Neither
 path nor time counts: a copy of the program, a second checkout and a file that was touched find what was compiled
 before. A file begins with the hash of its content; one that is damaged is as good as
 absent. Files are written whole and replaced in one step, and there is no index, so any number of processes may read
@@ -110,11 +110,14 @@ class CodeCache(NullCache):
 
 
 def _compiled_parts(kernel: Callable[..., Any]) -> set[str]:
-    """Return hashes of the modules of a kernel and of all that it calls, and of the constants they name."""
+    """Return names and hashes of the modules of a kernel and of all that it calls, and of the constants they name.
+
+    Kept code imports its module by name: of one that was renamed it is of no use.
+    """
     parts, seen, waiting = set(), {kernel}, [kernel]
     while waiting:
         function = waiting.pop()
-        parts.add(_source_hash(Path(inspect.getfile(function))))
+        parts.add(f"{function.__module__} {_source_hash(Path(inspect.getfile(function)))}")
         for name in _global_names(function.__code__) & function.__globals__.keys():
             value = function.__globals__[name]
             called = inspect.unwrap(value) if callable(value) else None

@@ -186,6 +186,19 @@ def test_a_changed_constant_of_another_module_compiles_the_kernel_anew(tmp_path:
     assert _run(module, module.parent, "float64").split() == ["2.5", "1"]
 
 
+def test_code_of_a_module_that_was_renamed_is_compiled_anew(compiled: Path, tmp_path: Path) -> None:
+    """As by an upgrade that moves a module to another package: kept code asks for the old one."""
+    module, text = tmp_path / "run.py", (compiled / "kernel.py").read_text()
+    for package in ("before", "after"):
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "kernel.py").write_text(text, encoding="utf-8")
+        module.write_text(
+            f"from {package}.kernel import *\n{text[text.index('if __name__') :]}", encoding="utf-8"
+        )
+        assert [_compiled_by(module, NUMBA_CACHE_DIR=str(tmp_path / "kept")) for _ in range(2)] == [1, 0]
+        shutil.rmtree(tmp_path / package)
+
+
 @pytest.mark.parametrize(
     "damage",
     [pytest.param("cut", marks=pytest.mark.slow), "flipped", pytest.param("empty", marks=pytest.mark.slow)],
