@@ -23,13 +23,25 @@ def normalising_transform(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray,
 
     Raises DegenerateGeometry where all points coincide.
     """
-    centre = points.mean(axis=0)
-    offset = points - centre
-    spread = math.sqrt(float(np.vdot(offset, offset)) / len(points))
+    u, v, spread = _centre_and_spread(np.ascontiguousarray(points))
     if not spread > 0:
         raise DegenerateGeometry("All grid points lie in one spot.")
-    scale, (u, v) = math.sqrt(2.0) / spread, centre.tolist()
+    scale = math.sqrt(2.0) / spread
     return np.array([[scale, 0.0, -scale * u], [0.0, scale, -scale * v], [0.0, 0.0, 1.0]])
+
+
+@jit("f8[:, ::1]", reassociates=True)
+def _centre_and_spread(points: Float[np.ndarray, "n 2"]) -> tuple[float, float, float]:
+    """Return the mean and the root-mean-square distance from it."""
+    count = len(points)
+    u = v = square = 0.0
+    for i in range(count):
+        u += points[i, 0]
+        v += points[i, 1]
+    u, v = u / count, v / count
+    for i in range(count):
+        square += (points[i, 0] - u) ** 2 + (points[i, 1] - v) ** 2
+    return u, v, math.sqrt(square / count)
 
 
 def estimate_homography(
