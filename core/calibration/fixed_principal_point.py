@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration import closed_form
-from core.calibration.lens_residuals import View
 from core.calibration.priors import RADIAL_PRIORS, Lens
+from core.calibration.residuals import View
 from core.calibration.result import MAX_DETERMINED_UNCERTAINTY
 from core.calibration.single_image import candidate_focals, closed_form_start
 from core.calibration.state import SMALLEST_NOISE_PX, retract, view_of, view_residuals

@@ -32,8 +32,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import stdtrit
 
-from core.calibration.lens_residuals import View, descend, residuals_with_jacobian
 from core.calibration.priors import Lens, view_prior
+from core.calibration.residuals import View, descend, residuals_with_jacobian
 from core.calibration.state import centred
 from core.errors import ADVISED_TILT, Advisory
 from core.geometry import so3_exp, so3_log

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration.lens_residuals import View
+from core.calibration.residuals import View
 from core.calibration.state import FREE
 from core.errors import InvalidArgument
 from core.geometry import CAMERA_PARAMETERS, KannalaBrandtCamera, RationalCamera, camera_from_array

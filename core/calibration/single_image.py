@@ -18,7 +18,6 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration import closed_form
-from core.calibration.lens_residuals import View
 from core.calibration.planar_ambiguity import (
     SecondPose,
     better_start,
@@ -28,6 +27,7 @@ from core.calibration.planar_ambiguity import (
     second_pose,
 )
 from core.calibration.priors import LENS_PRIOR, Lens, view_prior
+from core.calibration.residuals import View
 from core.calibration.result import MAX_DETERMINED_UNCERTAINTY, MAX_FOCAL_UNCERTAINTY, Calibration
 from core.calibration.state import (
     FREE,

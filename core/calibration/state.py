@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from core.calibration import closed_form
 from core.calibration.closed_form import ClosedForm
-from core.calibration.lens_residuals import View, residuals_with_jacobian
+from core.calibration.residuals import View, residuals_with_jacobian
 from core.errors import DegenerateGeometry
 from core.geometry import (
     AnyCamera,

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from core.calibration.lens_residuals import View
 from core.calibration.planar_ambiguity import SecondPose, is_covered, needed_evidence, pose_ambiguous
 from core.calibration.priors import (
     FOCAL_PRIOR,
@@ -19,6 +18,7 @@ from core.calibration.priors import (
     Lens,
     camera_prior,
 )
+from core.calibration.residuals import View
 from core.calibration.result import (
     Calibration,
     Observability,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.lens_residuals import View
+from core.calibration.residuals import View
 from core.calibration.result import CameraPose, Reprojection
 from core.calibration.state import retract
 from core.errors import Advisory

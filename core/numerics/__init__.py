@@ -22,7 +22,7 @@ from core.numerics.least_squares import (
     Prior,
     fit,
 )
-from core.numerics.normal_equations import block_products, covariance_of, damped_step, scaled_inverse
+from core.numerics.normal_equations import covariance_of, damped_step, scaled_inverse
 from core.numerics.order_statistics import NORMAL_95, median, quantiles
 from core.numerics.schur import (
     KNOWN,
@@ -65,7 +65,6 @@ __all__ = [
     "Variances",
     "arrow",
     "best_subset",
-    "block_products",
     "covariance_of",
     "damped_step",
     "estimate_components",

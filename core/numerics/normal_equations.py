@@ -95,30 +95,3 @@ def covariance_of(H: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
     """Return the inverse of an information matrix, by `root_of_inverse`."""
     R = root_of_inverse(H)
     return np.asarray(R @ R.T)
-
-
-@jit("f8[:, ::1], f8[:, ::1]", reassociates=True)
-def block_products(rows: Float[np.ndarray, "p k"], result: Float[np.ndarray, "p p"]) -> None:
-    """Write rows rowsᵀ, p a multiple of 3, in blocks of 3 x 3 that stay in registers."""
-    size, length = rows.shape
-    for i in range(0, size, 3):
-        a, b, c = rows[i], rows[i + 1], rows[i + 2]
-        for j in range(0, i + 1, 3):
-            x, y, z = rows[j], rows[j + 1], rows[j + 2]
-            ax = ay = az = bx = by = bz = cx = cy = cz = 0.0
-            for k in range(length):
-                ax += a[k] * x[k]
-                ay += a[k] * y[k]
-                az += a[k] * z[k]
-                bx += b[k] * x[k]
-                by += b[k] * y[k]
-                bz += b[k] * z[k]
-                cx += c[k] * x[k]
-                cy += c[k] * y[k]
-                cz += c[k] * z[k]
-            result[i, j], result[i, j + 1], result[i, j + 2] = ax, ay, az
-            result[i + 1, j], result[i + 1, j + 1], result[i + 1, j + 2] = bx, by, bz
-            result[i + 2, j], result[i + 2, j + 1], result[i + 2, j + 2] = cx, cy, cz
-    for i in range(size):
-        for j in range(i):
-            result[j, i] = result[i, j]

@@ -93,7 +93,7 @@ def arrow(
     prior: tuple[Float[np.ndarray, "s s"], Float[np.ndarray, " s"]] | None = None,
     damping: float = 0.0,
 ) -> ArrowheadEquations:
-    """Eliminate what views have of their own from `reprojection_kernel.normal_equations` times `weight`.
+    """Eliminate what views have of their own from `residuals.normal_equations` times `weight`.
 
     `prior` is its normal matrix and right-hand side, added to the common part. A view without information stays where
     it is. Damping adds that share of the diagonal.

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from core.calibration.lens_residuals import View, descend, residuals_with_jacobian
 from core.calibration.multi_view import Placements, ViewStack, coordinates, moved
 from core.calibration.priors import Lens, camera_prior
+from core.calibration.residuals import View, descend, residuals_with_jacobian
 from core.geometry import AnyCamera, camera_from_array, free_parameters, project_any_with_jacobian
 
 ITERATIONS = 25

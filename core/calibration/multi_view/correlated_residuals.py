@@ -26,11 +26,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.lens_residuals import residuals_with_jacobian
 from core.calibration.multi_view.bundle_adjustment import BundleAdjustment
 from core.calibration.multi_view.linearisation import Linearised
 from core.calibration.multi_view.schur_blocks import SchurBlocks, reduced, score_test
 from core.calibration.multi_view.view_stack import ViewStack, evenly, groups_of, segment_sums
+from core.calibration.residuals import residuals_with_jacobian
 from core.calibration.state import SMALLEST_NOISE_PX
 from core.calibration.uncertainty import MAX_CORRELATION, neighbours
 

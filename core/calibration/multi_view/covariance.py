@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration.fixed_principal_point import STEP_EMBEDDING
-from core.calibration.lens_residuals import View
 from core.calibration.multi_view.correlated_residuals import VarianceInflation, variance_inflation
 from core.calibration.multi_view.fitting import Fitted
 from core.calibration.multi_view.group_estimate import PoseUncertainties
@@ -31,6 +30,7 @@ from core.calibration.multi_view.schur_blocks import (
 )
 from core.calibration.multi_view.view_stack import Placements, ViewStack, coordinates, groups_of
 from core.calibration.priors import RADIAL_PRIORS, camera_prior
+from core.calibration.residuals import View
 from core.calibration.state import SMALLEST_NOISE_PX
 from core.calibration.uncertainty import SAG_VARIANCE, valley_sag
 from core.geometry import free_parameters

@@ -7,15 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from core.calibration.lens_residuals import BROWN_SIZE, products_of_view, residuals_with_jacobian
 from core.calibration.multi_view.view_stack import Placements, ViewStack
-from core.calibration.reprojection_kernel import normal_equations
+from core.calibration.residuals import (
+    BROWN_SIZE,
+    normal_equations,
+    products_of_view,
+    residuals_with_jacobian,
+)
 from core.numerics import CAUCHY_C, MEDIAN_LENGTH
 
 
 @dataclass(frozen=True, slots=True)
 class Linearised:
-    """Views at their placements: products of `reprojection_kernel.normal_equations` at unit scale; `residuals` in px,
+    """Views at their placements: products of `residuals.normal_equations` at unit scale; `residuals` in px,
     `squared` distances in stated uncertainties.
     """
 

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.lens_residuals import View
 from core.calibration.multi_view.bundle_adjustment import BundleAdjustment, bundle_adjust
 from core.calibration.multi_view.view_stack import Placements, ViewStack, groups_of
 from core.calibration.planar_ambiguity import SecondPose, is_covered, needed_evidence, second_pose
 from core.calibration.priors import Lens
+from core.calibration.residuals import View
 from core.calibration.state import view_residuals
 from core.errors import PoseAmbiguous
 from core.numerics import Sharing

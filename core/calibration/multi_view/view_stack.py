@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.lens_residuals import View
+from core.calibration.residuals import View
 from core.errors import InvalidArgument
 from core.geometry import free_parameters, rotations_from_vectors
 from core.jit import jit

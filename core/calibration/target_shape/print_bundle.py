@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration.lens_residuals import View, residuals_with_jacobian
 from core.calibration.multi_view import CommonFit
 from core.calibration.priors import camera_prior
+from core.calibration.residuals import View, residuals_with_jacobian
 from core.calibration.target_shape.covariance_factors import inverse
 from core.calibration.target_shape.departures import (
     SENSOR_SKEW,

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.calibration.lens_residuals import View, descend
 from core.calibration.planar_ambiguity import FALSE_CHOICE, SecondPose, mirrored, needed_evidence, second_pose
 from core.calibration.priors import Lens
+from core.calibration.residuals import View, descend
 from core.calibration.result import Calibration
 from core.calibration.single_image import calibrate_points
 from core.calibration.state import centred, pose_from_undistorted_points, view_residuals

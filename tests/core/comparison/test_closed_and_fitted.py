@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from core.calibration.lens_residuals import View
+from core.calibration.residuals import View
 from core.calibration.state import centred, view_residuals
 from core.comparison import dlt, opencv_single_image, tsai, zhang
 from core.errors import DegenerateGeometry, GridposeError, InvalidArgument

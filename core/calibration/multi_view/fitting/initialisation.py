@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.lens_residuals import View
 from core.calibration.multi_view.bundle_adjustment import BundleAdjustment, bundle_adjust
 from core.calibration.multi_view.linearisation import Linearised
 from core.calibration.multi_view.planar_ambiguity import select_solutions
 from core.calibration.multi_view.view_stack import Placements, ViewStack, evenly, stack_states
 from core.calibration.priors import Lens
+from core.calibration.residuals import View
 from core.calibration.single_image import candidate_focals, closed_form_start
 from core.calibration.state import pose_from_undistorted_points
 from core.calibration.validity import MAX_UNCERTAINTY_RATIO, check_camera, check_points

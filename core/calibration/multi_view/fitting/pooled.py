@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.lens_residuals import View
 from core.calibration.multi_view.bundle_adjustment import BundleAdjustment, bundle_adjust
 from core.calibration.multi_view.correlated_residuals import shared_variance_inflation
 from core.calibration.multi_view.fitting.initialisation import (
@@ -29,6 +28,7 @@ from core.calibration.multi_view.fitting.initialisation import (
 from core.calibration.multi_view.planar_ambiguity import select_solutions
 from core.calibration.multi_view.view_stack import ViewStack, stack_states, stack_views
 from core.calibration.priors import LENS_PRIOR, Lens
+from core.calibration.residuals import View
 from core.calibration.result import MAX_DETERMINED_UNCERTAINTY, MAX_FOCAL_UNCERTAINTY
 from core.calibration.single_image import calibrate_points
 from core.calibration.state import image_centre, place_by_homography, pose_from_undistorted_points

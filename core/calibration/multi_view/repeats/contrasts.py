@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.lens_residuals import residuals_with_jacobian
 from core.calibration.multi_view.repeat_consistency import is_same_scene
 from core.calibration.multi_view.schur_blocks import camera_changes
 from core.calibration.multi_view.view_stack import Placements, ViewStack
+from core.calibration.residuals import residuals_with_jacobian
 from core.calibration.state import SMALLEST_NOISE_PX
 
 MODES = (7, 5)

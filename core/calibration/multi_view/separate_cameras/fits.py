@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.calibration.fixed_principal_point import STEP_EMBEDDING, fit_fixed_centre, radial_prior
-from core.calibration.lens_residuals import View
 from core.calibration.multi_view.fitting import CONTRADICTION, Fitted, first_failure, lens_warning
 from core.calibration.multi_view.linearisation import Linearised, linearise
 from core.calibration.multi_view.repeat_consistency import find_repeats, inliers_of
@@ -27,6 +26,7 @@ from core.calibration.multi_view.separate_cameras.session_prior import (
 )
 from core.calibration.multi_view.view_stack import ViewStack, stack_states
 from core.calibration.priors import LENS_PRIOR, Lens, view_prior
+from core.calibration.residuals import View
 from core.calibration.result import MAX_DETERMINED_UNCERTAINTY, focal_weakly_observable
 from core.calibration.single_image import calibrate_points
 from core.calibration.state import SMALLEST_NOISE_PX, centred, image_centre, retract, view_residuals

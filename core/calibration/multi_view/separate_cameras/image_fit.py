@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool
 
-from core.calibration.lens_residuals import View
+from core.calibration.residuals import View
 from core.calibration.single_image import MIN_REFIT_INFLATION
 
 

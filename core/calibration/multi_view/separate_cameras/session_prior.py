@@ -19,13 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from core.calibration.lens_residuals import View
 from core.calibration.multi_view.covariance import multi_view_covariance
 from core.calibration.multi_view.fitting import fit_pooled
 from core.calibration.multi_view.separate_cameras.image_fit import ImageFit
 from core.calibration.multi_view.view_stack import ViewStack, coordinates, evenly
 from core.calibration.planar_ambiguity import is_nearer_to_first, needed_evidence
 from core.calibration.priors import FOCAL_PRIOR, LENS_PRIOR, Lens
+from core.calibration.residuals import View
 from core.calibration.result import MAX_FOCAL_UNCERTAINTY
 from core.calibration.single_image import ITERATIONS, MIN_REFIT_INFLATION, other_minimum, smallest_scale
 from core.calibration.state import bounded_logarithm, centred, pose_from_undistorted_points, residuals_over

@@ -23,7 +23,7 @@ from core.calibration.multi_view.view_stack import (
     segment_sums,
     stack_views,
 )
-from core.calibration.reprojection_kernel import residuals_with_jacobian
+from core.calibration.residuals.one_view import residuals_with_jacobian
 from core.calibration.state import SMALLEST_NOISE_PX
 from core.geometry.se3 import rotations_from_vectors, so3_exp
 from core.numerics.least_squares import CAUCHY_C, MEDIAN_LENGTH, REJECTION

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from core.calibration import state
-from core.calibration.lens_residuals import View
 from core.calibration.multi_view.estimators import estimate_group
 from core.calibration.multi_view.group_estimate import GroupEstimate
 from core.calibration.planar_ambiguity import mirrored
+from core.calibration.residuals import View
 from core.errors import PoseAmbiguous
 from core.geometry.camera import Camera, project
 from core.geometry.se3 import so3_exp, transform, transform_points

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from core.calibration import closed_form
-from core.calibration.lens_residuals import View
 from core.calibration.multi_view.bundle_adjustment import bundle_adjust
 from core.calibration.multi_view.estimators import estimate_group
 from core.calibration.multi_view.fitting.pooled import PooledCalibration, calibrate_views
 from core.calibration.multi_view.view_stack import stack_states, stack_views
 from core.calibration.priors import camera_prior
+from core.calibration.residuals import View
 from core.calibration.state import SMALLEST_NOISE_PX, image_centre, view_of, view_residuals
 from core.errors import InvalidArgument
 from core.geometry.camera import Camera, project

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 
-import numba
 import numpy as np
 import pytest
 from scipy.special import ndtr
@@ -16,6 +15,7 @@ from core.targets.subpixel.corner_arms import count_strays, sum_arm
 from core.targets.subpixel.corner_motion import move_corners
 from core.targets.subpixel.corner_step import step_corners
 from core.targets.subpixel.smooth_map import grid_basis, grid_shape
+from tests.support.compiled_code import compiled_anew
 from tests.support.targets.refined_corners import rms, to_8_bit
 
 
@@ -69,10 +69,7 @@ def test_kernel_against_its_twin(
 @pytest.mark.parametrize("kernel", [sum_arm, count_strays])
 def test_the_loop_over_an_arm_s_pixels_is_vectorised(kernel: Kernel) -> None:
     """A call in the loop prevents that, and a corner takes two and a half times as long."""
-    compiled = numba.njit(kernel.declared[0], fastmath={"reassoc"})(
-        kernel._plain
-    )  # ours may be kept code, without IR
-    code = compiled.inspect_llvm(compiled.signatures[0])
+    code = compiled_anew(kernel)
     assert not re.search(r"call .*_model_at", code)
     assert re.search(r"fmul .*<\d+ x double>", code)
 

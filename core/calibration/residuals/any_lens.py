@@ -1,7 +1,7 @@
 """Residuals of views before a camera of any lens model.
 
 The number of a camera's parameters says which model it is (`core.geometry.LENS_PARAMETERS`). Brown's, that of nearly
-every session, has compiled kernels (`reprojection_kernel`). The wide models have the same functions in numpy: no
+every session, has compiled kernels (`one_view`). The wide models have the same functions in numpy: no
 installation compiles for a lens it may never see, and a view costs a tenth of a millisecond.
 """
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from core.calibration import reprojection_kernel as brown
+from core.calibration.residuals import one_view as brown
 from core.geometry import CAMERA_PARAMETERS, Camera, camera_from_array, project_any_with_jacobian, so3_exp
 from core.numerics import CAUCHY_C, MEDIAN_LENGTH
 
@@ -40,7 +40,8 @@ def residuals_with_jacobian(
     target: Float[np.ndarray, "3 n"], observed: Float[np.ndarray, "2 n"], view: View, cameras: int
 ) -> tuple[Float[np.ndarray, "2 n"], Float[np.ndarray, "p 2 n"]]:
     """Return observed - predicted (px) and the derivatives of the prediction, by the first `cameras` of the camera's
-    parameters (those that are free, or 0), a rotation about the centroid and a translation; see `reprojection_kernel`.
+    parameters (those that are free, or 0), a rotation about the centroid and a translation; see
+    `one_view`.
     """
     rotation, translation_mm = np.ascontiguousarray(view.rotation), view.translation_mm
     if len(view.parameters) == BROWN_SIZE:
@@ -69,7 +70,7 @@ def products_of_view(
     *,
     robust: bool,
 ) -> tuple[Float[np.ndarray, "q q"], Float[np.ndarray, " n"], float]:
-    """Return what `reprojection_kernel.normal_equations` writes for a view: the products of derivatives and residuals,
+    """Return what `normal_equations` writes for a view: the products of derivatives and residuals,
     whose row and column are the last, squared distances in stated uncertainties, and the cost.
     """
     squared = np.sum(residuals * residuals, axis=0) * weight
@@ -96,7 +97,7 @@ def descend(
     share: float,
     least: float,
 ) -> tuple[View, float]:
-    """Walk from a pose down to the minimum in whose valley it lies, as `reprojection_kernel.descend`; return the state
+    """Walk from a pose down to the minimum in whose valley it lies, as `one_view.descend`; return the state
     there and its cost.
     """
     rotation, translation_mm = np.ascontiguousarray(start.rotation), start.translation_mm

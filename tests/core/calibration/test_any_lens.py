@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from core.calibration.lens_residuals import View, descend, residuals_with_jacobian
 from core.calibration.lens_selection.starts import with_camera
 from core.calibration.multi_view import Placements, ViewStack, linearise, stack_views
 from core.calibration.priors import wide_lens_prior
+from core.calibration.residuals import View, descend, residuals_with_jacobian
 from core.geometry import AnyCamera, Camera, KannalaBrandtCamera, RationalCamera, so3_exp
 from tests.support.simulation.simulated_views import draw_view
 
@@ -22,7 +22,10 @@ SHARED = [*range(8), *range(12, 19)]
 @pytest.fixture(scope="module")
 def seen() -> tuple[ViewStack, Placements]:
     rng = np.random.default_rng(3)
-    drawn = [draw_view(rng, camera=BROWN, columns=6, rows=5, tilt_deg=20.0 + i) for i in range(4)]
+    drawn = [
+        draw_view(rng, camera=BROWN, columns=columns, rows=5, tilt_deg=20.0 + i)
+        for i, columns in enumerate((6, 41, 6, 6))
+    ]
     stack = stack_views([view.points for view in drawn])
     rotations = np.array([so3_exp(rng.normal(0.0, 1e-3, 3)) @ v.T_camera_target[:3, :3] for v in drawn])
     middles = np.array([v.T_camera_target[:3, 3] for v in drawn])
