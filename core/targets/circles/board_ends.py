@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from core.geometry import find_homography, map_in_front
-from core.targets.circles.ellipse_fit import FittedDots, plane_map
+from core.targets.circles.centres import FittedDots, plane_map
 from core.targets.circles.lattice import DotLattice
 from core.targets.circles.partial_view import along_grid_lines, in_image
 from core.targets.grid_index import is_staggered
@@ -29,14 +29,15 @@ _MIN_SITES_FURTHER, _MAJORITY_FURTHER = 4, 0.8  # on lines after the next: nearl
 _LIKE_DOTS = 0.4  # of the dots' usual contrast
 _MAX_STRAY = 2  # patches that stand where a line's dots would
 _NEAR_BORDER = 4.0  # radii
+_WHOLE = 0.75  # quantile of radii: of three rows the border may cut two
 _MIN_LINE_SHARE = 0.5  # of a line's sites in the image
 
 
 def cut_by_border(
     ideal: Float[np.ndarray, "n 2"], fitted: FittedDots, shape: tuple[int, ...]
-) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Return which dots the image border cuts, and which of these it leaves less than a half of, by the others' places
-    and size: an ellipse is drawn as well to the part of a dot that is in view, off its centre and all in the image.
+) -> Bool[np.ndarray, " n"]:
+    """Return which dots the image border cuts, by the others' places and size: an ellipse is drawn as well to the part
+    of a dot that is in view, off its centre and all in the image.
 
     Parameters
     ----------
@@ -48,14 +49,13 @@ def cut_by_border(
     far = np.array([shape[1] - 1.0, shape[0] - 1.0])
     centres, none = fitted.shapes[:, :2], np.zeros(len(ideal), dtype=np.bool_)
     if np.minimum(centres, far - centres).min() > _NEAR_BORDER * fitted.radius_px.max():
-        return none, none
+        return none
     J, drawn = plane_map(ideal, centres, fitted.trusted.astype(np.float64))
     radius = fitted.radius_px / np.sqrt(np.abs(np.linalg.det(J)))
-    radius = np.maximum(radius, np.median(radius[fitted.trusted]))
+    radius = np.maximum(radius, np.quantile(radius[fitted.trusted], _WHOLE))
     blur_px = np.median(fitted.shapes[fitted.trusted, 5])
     half = radius[:, None] * np.linalg.norm(J, axis=2) + blur_px
-    inside = np.minimum(drawn, far - drawn)
-    return np.any(inside < half, axis=1), np.any(inside < 0.0, axis=1)
+    return np.asarray(np.any(np.minimum(drawn, far - drawn) < half, axis=1))
 
 
 def without_stray_lines(

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from core.errors import TargetMirrored
 from core.targets.circles.blobs import Dots
-from core.targets.circles.ellipse_fit import ODD, FittedDots
+from core.targets.circles.centres import ODD, FittedDots
 from core.targets.circles.lattice import DotLattice
 from core.targets.circles.partial_view import along_grid_lines, candidate_orientations
 from core.targets.grid_index import cells_of, is_staggered, lines

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Shaped, UInt8, UInt16
+from jaxtyping import Bool, Shaped, UInt8, UInt16
 
 from core.errors import Advisory, OriginUnknown, TargetMirrored, TargetMismatch, TargetNotFound
 from core.targets.circles.blobs import Dots, find_dots
@@ -26,7 +26,7 @@ from core.targets.circles.board_matching import (
     partial_matches,
     slenderness,
 )
-from core.targets.circles.ellipse_fit import (
+from core.targets.circles.centres import (
     MIN_DOTS,
     ODD,
     fit_dots,
@@ -47,6 +47,7 @@ from core.targets.circles.refusals import (
 from core.targets.circles.saturation import in_saturated_white, saturation_bias, unstated_uncertainty
 from core.targets.lattice import Level, levels
 from core.targets.specification import GridPoints, TargetSpec, missing_points_warning
+from core.targets.subpixel import is_well_distributed
 
 _MIN_PART_SHARE = 0.75
 _MIN_SHARE_TO_MERGE = 0.25
@@ -189,22 +190,21 @@ def _grid_points(
     similar = (variance <= _MAX_VARIANCE * max(usual, 1.0)) & (contrast >= _MIN_CONTRAST * np.sqrt(noise))
     clear &= similar
     _require_clear(clear, matches[0], target)
-    is_cut, is_out = cut_by_border(matches[0].ideal, replace(fitted, trusted=clear), image.shape)
-    fitted = replace(fitted, trusted=fitted.trusted & ~is_out)
-    clear &= ~is_cut
-    _require_clear(clear, matches[0], target)
+    clear &= ~cut_by_border(matches[0].ideal, replace(fitted, trusted=clear), image.shape)
     uncertainty = np.hypot(uncertainty, moved)
-    centres, radius, off, trusted = perspective_corrected_centres(
-        matches[0].ideal, replace(fitted, trusted=clear), 0.5 * (np.array(image.shape[::-1]) - 1.0)
+    middle = 0.5 * (np.array(image.shape[::-1]) - 1.0)
+    centres, radius, off, clear = perspective_corrected_centres(
+        matches[0].ideal, replace(fitted, trusted=clear), uncertainty, middle
     )
+    _require_clear(clear, matches[0], target)
     uncertainty = np.hypot(
         uncertainty,
-        unstated_uncertainty(replace(fitted, trusted=trusted), radius, off, clipped, uncertainty),
+        unstated_uncertainty(replace(fitted, trusted=clear), radius, off, clipped, uncertainty),
     )
-    J, drawn = plane_map(matches[0].ideal, centres, trusted.astype(np.float64))
+    J, drawn = plane_map(matches[0].ideal, centres, clear.astype(np.float64))
     in_place = np.hypot(*(centres - drawn).T) <= _IN_PLACE * fitted.radius_px
-    # Dots in a highlight, and those that the border cuts, serve for labels, but not for places.
-    trusted |= fitted.trusted & similar & ~clear & in_place
+    # Dots in a highlight, half hidden, or cut by the image border serve for labels, but not for places.
+    trusted = clear | (fitted.trusted & similar & in_place)
     usual_contrast, usual_radius = (
         float(np.median(values[trusted])) if trusted.any() else 0.0 for values in (contrast, radius)
     )
@@ -237,11 +237,11 @@ def _grid_points(
     order = np.flatnonzero(trusted)
     order = order[np.lexsort((match.column[order], match.row[order]))]
     if count < target.size:
-        reason = "dots are missing: they are hidden, not clear enough, or in saturated white."
-        if is_part:
-            reason = (
-                "dots are missing: they are out of view, hidden, not clear enough, or in saturated white."
-            )
+        where = "out of view, " if is_part else ""
+        reason = (
+            f"dots are missing: they are {where}hidden, cut by the image border, not clear enough, or in saturated "
+            "white."
+        )
         warnings = (*warnings, missing_points_warning(target.size - count, target.size, reason))
     return GridPoints(
         target=target,
@@ -259,18 +259,13 @@ def _grid_points(
 def _require_clear(clear: Bool[np.ndarray, " n"], match: BoardMatch, target: TargetSpec) -> None:
     """Raise TargetNotFound unless the clear dots suffice to measure the board by them."""
     enough = max(MIN_DOTS, min(_SUFFICIENT_DOTS, _MIN_CLEAR_SHARE * target.size))
-    if clear.sum() < enough or not _is_spread(match.ideal[clear]):
+    if clear.sum() < enough or not is_well_distributed(match.ideal[clear]):
         raise _too_poor(target, int(clear.sum()))
-
-
-def _is_spread(ideal: Float[np.ndarray, "n 2"]) -> bool:
-    """Return whether places are those of a plane's points, not of a line's."""
-    return bool(np.linalg.svd(ideal - ideal.mean(axis=0), compute_uv=False)[1] > 0.5)
 
 
 def _too_poor(target: TargetSpec, count: int) -> TargetNotFound:
     return TargetNotFound(
         f"A grid of {target.columns} x {target.rows} dots is in view, but {target.size - count} of its dots are "
         "too poor to measure.",
-        "Light the board evenly, focus, and keep it free of reflections; dots of 10 px and more serve best.",
+        "Light the board evenly, focus, keep it in view and free of reflections; dots of 10 px and more serve best.",
     )

@@ -23,8 +23,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 from scipy.spatial import cKDTree
 
-from core.targets.circles.ellipse_fit import ODD, FittedDots, outlines
-from core.targets.circles.lens_map import PARAMETERS as LENS_PARAMETERS
+from core.targets.circles.centres import LENS_PARAMETERS, ODD, FittedDots, outlines
 from core.targets.subpixel import largest_level, levels_between
 
 _TOP = 0.995  # of the largest level

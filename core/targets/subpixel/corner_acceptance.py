@@ -18,9 +18,10 @@ MIN_CONTRAST = 0.15
 """Of the median."""
 _MIN_ARM, _ARM_SIGMAS = 0.5, 4.0  # of the corner's contrast, across each of its four arms; beyond noise
 _MIN_EXPLAINED = 25.0
-"""What a corner explains of its pixels' squares, in the residuals' variance. Noise behind a smooth cover lets it
+"""What a corner explains of its pixels' squares, in the residuals' variance. White noise behind a smooth cover lets it
 explain 6, the number of unknowns besides the level, and up to 19 where a place and a blur were found that suit it.
-Corners 8 px apart whose contrast is four times the noise explain 30 and more."""
+Sharp corners 8 px apart whose contrast is four times the noise explain 30 and more; blurred ones 17, and few are
+lost."""
 _MAX_VARIANCE = 4.0  # of the residuals, times the median
 _SMALL_RESIDUAL = 0.01  # of half the contrast: without noise the model itself shows
 _MOST_SPREAD, _MISFIT = 1.0, 0.25

@@ -16,7 +16,8 @@ from core.pipeline import _assign_points
 from core.simulation import Light, Scene
 from core.simulation.scenes import random_pose
 from core.targets import GridPoints, detect
-from core.targets.circles.board_ends import extends_beyond
+from core.targets.circles.board_ends import cut_by_border, extends_beyond
+from core.targets.circles.centres import FittedDots
 from core.targets.specification import TargetSpec
 from tests.support.simulation.renders import render
 
@@ -107,3 +108,30 @@ def test_of_two_boards_the_one_with_clearly_more_points_is_in_view() -> None:
         assigned = _assign_points(finds)
         assert [isinstance(find, TargetMismatch) for find in assigned] == [find is whole for find in finds]
     assert isinstance(_assign_points([whole, as_many])[1], TargetMismatch)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 35.0, 90.0, 200.0])
+@pytest.mark.parametrize("small", [1.0, 0.6])
+def test_dots_are_cut_whose_outlines_reach_the_border(turn_deg: float, small: float) -> None:
+    """Ellipses that fill five by five places of a tilted, turned plane, the image's borders through some of them. A dot
+    is fitted `small` where the border cuts it, and counts as large as the others."""
+    a = math.radians(turn_deg)
+    A = np.array([[math.cos(a), -math.sin(a)], [math.sin(a), math.cos(a)]]) @ np.diag([60.0, 25.0])
+    y, x = (axis.ravel() for axis in np.mgrid[0:5, 0:5].astype(np.float64))
+    ideal, radius, blur_px = np.column_stack([x, y]), 0.3, 1.5
+    places = (ideal - 2.0) @ A.T
+    half = radius * np.linalg.norm(A, axis=1)  # of the outlines' extents
+    low = places.min(axis=0) + 0.7 * half
+    height, width = (math.ceil(c) for c in (places.max(axis=0) - low + [0.5, 1.2] * half)[::-1])
+    places = places - low
+    far = np.array([width - 1.0, height - 1.0])
+    reach = np.minimum(places, far - places) - half
+    assert np.all(np.abs(reach - blur_px) > 0.1)  # clearly either
+    cut = np.any(reach < blur_px, axis=1)
+    assert 0 < np.count_nonzero(cut) < 25
+    M = np.linalg.inv(radius**2 * A @ A.T)
+    shapes = np.column_stack([places, np.tile([M[0, 0], M[0, 1], M[1, 1], blur_px], (25, 1))])
+    shapes[cut, 2:5] /= small**2
+    ones = np.ones(25)
+    fitted = FittedDots(shapes, ones, np.tile(np.eye(2), (25, 1, 1)), ones, ones > 0.0)
+    np.testing.assert_array_equal(cut_by_border(ideal, fitted, (height, width)), cut)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from core.targets.circles.blobs import patches
-from core.targets.circles.ellipse_model import RESIDUAL, ROWS, TOGETHER, normal, write_equations
-from core.targets.circles.ellipse_solver import fit_dot, fit_each, solve_equations
+from core.targets.circles.centres.ellipse_model import RESIDUAL, ROWS, TOGETHER, normal, write_equations
+from core.targets.circles.centres.ellipse_solver import fit_dot, fit_each, solve_equations
 from tests.support.simulation.renders import render
 from tests.support.targets.dot_scenes import SYMMETRIC, scene_of
 

@@ -9,7 +9,7 @@ from core.geometry.camera import Camera
 from core.simulation import Light, Scene
 from core.simulation.scenes import random_pose
 from core.targets import TargetSpec, detect
-from core.targets.circles.ellipse_fit import FittedDots
+from core.targets.circles.centres.ellipse_fit import FittedDots
 from core.targets.circles.saturation import unstated_uncertainty
 from tests.support.simulation.renders import render
 

@@ -10,7 +10,7 @@ from core.geometry.camera import Camera, project
 from core.geometry.se3 import so3_exp, transform_points
 from core.simulation import Scene
 from core.targets import TargetSpec, detect
-from core.targets.circles.lens_map import MIN_POINTS, fit_lens_map
+from core.targets.circles.centres.lens_map import MIN_POINTS, fit_lens_map
 from tests.support.simulation.renders import render
 
 WIDE = Camera(480.0, 480.0, 322.0, 238.0, k1=-0.35, k2=0.1)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from core.jit import jit
-from core.targets.circles.ellipse_model import RESIDUAL, ROWS, TOGETHER, write_equations
+from core.targets.circles.centres.ellipse_model import RESIDUAL, ROWS, TOGETHER, write_equations
 
 _SLOPE_SIGMA = 0.1  # of the contrast: how much it may change over the dot
 _REACH_SETTLES = 3
