@@ -20,7 +20,7 @@ from core.targets.circles.lattice import DotLattice
 from core.targets.circles.partial_view import along_grid_lines, in_image
 from core.targets.grid_index import is_staggered
 from core.targets.specification import TargetSpec
-from core.targets.subpixel import nearest_levels
+from core.targets.subpixel import largest_level, nearest_levels
 
 _MIN_SITES = 3  # in view
 _MAJORITY = 0.6  # of those in view
@@ -29,6 +29,7 @@ _MIN_SITES_FURTHER, _MAJORITY_FURTHER = 4, 0.8  # on lines after the next: nearl
 _LIKE_DOTS = 0.4  # of the dots' usual contrast
 _MAX_STRAY = 2  # patches that stand where a line's dots would
 _NEAR_BORDER = 4.0  # radii
+_TOP = 0.995  # of the largest level
 _WHOLE = 0.75  # quantile of radii: of three rows the border may cut two
 _MIN_LINE_SHARE = 0.5  # of a line's sites in the image
 
@@ -111,6 +112,7 @@ def extends_beyond(
     H = find_homography(_places(target, column, row), centres_px)
     if H is None:
         return False
+    white = _TOP * largest_level(image)
     across, down = np.arange(target.columns), np.arange(target.rows)
     for further in range(_FURTHER):
         sides = [
@@ -120,8 +122,8 @@ def extends_beyond(
             (np.full(target.rows, target.columns + further), down),
         ]
         for i, j in sides:
-            sites = _places(target, i, j)
-            if _has_dots(image, sites, H, contrast, is_next=further == 0):
+            ends = _places(target, np.clip(i, 0, across[-1]), np.clip(j, 0, down[-1]))
+            if _has_dots(image, _places(target, i, j), ends, H, contrast, white, is_next=further == 0):
                 return True
     return False
 
@@ -137,29 +139,38 @@ def _places(
 def _has_dots(
     image: Shaped[np.ndarray, "h w"],
     sites: Float[np.ndarray, "n 2"],
+    ends: Float[np.ndarray, "n 2"],
     H: Float[np.ndarray, "3 3"],
     contrast: float,
+    white: float,
     *,
     is_next: bool,
 ) -> bool:
-    """Return whether most sites of a line that are in view look like dots."""
-    at = nearest_levels(image, map_in_front(H, sites), 1)
-    between = nearest_levels(image, map_in_front(H, 0.5 * (sites[1:] + sites[:-1])), 1)
-    around = np.full((2 if is_next else 3, len(sites)), np.nan)
-    around[0, 1:], around[1, :-1] = between, between
+    """Return whether most sites of a line that are in view look like dots. Saturated white at a site and at that of the
+    board's dot at the end next to it says nothing: a reflection hides both.
+    """
+    n = len(sites)
+    places = [sites, 0.5 * (sites[1:] + sites[:-1]), ends]
     if not is_next:
         # half-way to the line on one side at least: bars of a grille have none
         along = sites[-1] - sites[0]
         to_side = (
             0.5 * np.array([-along[1], along[0]]) * np.hypot(*(sites[1] - sites[0])) / (along @ along) ** 0.5
         )
-        sides = [nearest_levels(image, map_in_front(H, sites + way * to_side), 1) for way in (1, -1)]
-        around[2] = np.sign(contrast) * np.fmax(*(np.sign(contrast) * levels for levels in sides))
+        places += [sites + to_side, sites - to_side]
+    levels = nearest_levels(image, map_in_front(H, np.concatenate(places)), 1)
+    at, between, at_ends = levels[:n], levels[n : 2 * n - 1], levels[2 * n - 1 : 3 * n - 1]
+    around = np.full((2 if is_next else 3, n), np.nan)
+    around[0, 1:], around[1, :-1] = between, between
+    if not is_next:
+        around[2] = np.sign(contrast) * np.fmax(*(np.sign(contrast) * levels[3 * n - 1 :].reshape(2, n)))
     with np.errstate(invalid="ignore"):
         # the nearer to the dot's own grey of the two: a shadow's or a sheet's edge next to it makes no dot
         surround = np.nanmin(np.sign(contrast) * around, axis=0, initial=np.inf)
         darker = surround - np.sign(contrast) * at
     seen = np.isfinite(darker)
+    if contrast > 0.0:
+        seen &= (at < white) | (at_ends < white)
     likely = darker[seen] > _LIKE_DOTS * abs(contrast)
     if is_next:
         return bool(seen.sum() >= _MIN_SITES and likely.mean() >= _MAJORITY)

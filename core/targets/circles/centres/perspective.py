@@ -7,7 +7,7 @@ every estimator: the dot's outline is mapped to the image, the ellipse that fits
 its centre is compared with the image of the dot's centre.
 
 What covers a dot along an edge leaves a smaller ellipse, fitted as well as the others and off by half of what is
-covered. It is told by its outline: all dots of a print are equally large circles, so the map says what each looks like.
+covered. Its outline shows it: all dots of a print are equally large circles, so the map says what each looks like.
 
 References: J. Heikkilä, O. Silvén, "A four-step camera calibration procedure with implicit image correction", CVPR
 1997, section 3.2 (the shift under perspective), doi:10.1109/CVPR.1997.609468.
@@ -24,7 +24,7 @@ from core.targets.subpixel import grid_basis, grid_shape, is_well_distributed, n
 
 _OUTLINE = 8  # places on half of a dot's outline
 _DERIVATIVE_STEP = 1e-4  # grid units: for a difference that stands for a derivative
-_CORRECTIONS = 12  # at most: three, where no dots are left out
+_CORRECTIONS = 12  # at most: three, where all dots agree
 _SETTLED_PX = 5e-4
 _ASTRAY, _MISSHAPEN = 6.0, 4.0
 """Times what is usual, of places and of outlines: of the latter's three unknowns, nine standard deviations."""

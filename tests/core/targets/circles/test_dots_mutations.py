@@ -48,6 +48,13 @@ def test_dots_of_which_the_border_leaves_a_rim_make_no_board() -> None:
         detect(view.image, view.target)
 
 
+def test_a_larger_board_behind_a_reflection_is_no_smaller_one() -> None:
+    """Half of the line beyond is in saturated white: the other half is dots."""
+    view = mutated_view(77002, 1772, "asymmetric_circles")
+    with pytest.raises(DetectionError):
+        detect(view.image, view.target)
+
+
 def test_half_hidden_dots_do_not_move_the_others() -> None:
     """Five dots that a hand covers in part drew the last column 2.3 px to one side, a hundred times what was stated."""
     view = mutated_view(3373891685, 253, "circles")
