@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import partial
 from itertools import islice
 from statistics import median
@@ -35,8 +35,9 @@ CHESSBOARD = standard_target(14, 10)
 DOT_TILT, DOT_K1 = math.radians(45.0), -0.2
 SUBPIX_WINDOW = (5, 5)  # half the gap between tags, where they are smallest
 SUBPIX_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
-WRONG_PX, MUTATED_VIEWS = 1.0, 10_000
+WRONG_PX, ASTRAY_PX, MUTATED_VIEWS = 1.0, 0.5, 10_000
 MUTATED_KINDS = ("charuco", "aprilgrid", "circles", "asymmetric_circles")  # share the views equally
+WRONG_NAMES = "points accepted under a wrong name"
 _CHUNK = 50  # views of one seed
 
 
@@ -181,12 +182,13 @@ def _dots(target: TargetSpec, errors: list[np.ndarray | None]) -> Iterable[Row]:
 
 @dataclass(frozen=True)
 class _LabelCounts:
-    """What became of some mutated views: points with a wrong name, and views as stated and those of them measured;
-    `by_markers` those of any that only OpenCV's marker detector finds."""
+    """What became of some mutated views: points with a wrong name, points accepted and those of them that are `astray`,
+    views as stated and those of them measured; `by_markers` those of any that only OpenCV's marker detector finds."""
 
     views: int
     wrong: int
     corners: int
+    astray: int
     as_stated: int
     measured: int
     by_markers: int
@@ -194,7 +196,7 @@ class _LabelCounts:
 
 def _count_labels(kind: str, seed: int, count: int) -> _LabelCounts:
     cv2.setNumThreads(1)
-    wrong = corners = as_stated = measured = by_markers = 0
+    wrong = corners = astray = as_stated = measured = by_markers = 0
     for view in islice(mutated_views(seed, kind=kind), count):
         as_stated += view.is_as_stated
         try:
@@ -203,11 +205,13 @@ def _count_labels(kind: str, seed: int, count: int) -> _LabelCounts:
             continue
         wrong += view.wrong(found)
         corners += len(found)
+        off = np.linalg.norm(found.points_px[:, None] - view.points_px, axis=2)
+        astray += int(np.count_nonzero(np.nanmin(off, axis=1) > ASTRAY_PX))
         measured += view.is_as_stated
         if kind == "charuco":
             codes = marker_codes(str(view.target.dictionary))
             by_markers += find_by_lattice(view.image, charuco_layout(view.target), codes).part is None
-    return _LabelCounts(count, wrong, corners, as_stated, measured, by_markers)
+    return _LabelCounts(count, wrong, corners, astray, as_stated, measured, by_markers)
 
 
 def _names(pool: ProcessPoolExecutor, seeds: list[int], views: int) -> Iterable[Row]:
@@ -218,27 +222,23 @@ def _names(pool: ProcessPoolExecutor, seeds: list[int], views: int) -> Iterable[
     for kind in MUTATED_KINDS:
         drawn = np.random.SeedSequence([*seeds, len(kind)]).generate_state(-(-each // _CHUNK))
         counts = [min(_CHUNK, each - _CHUNK * k) for k in range(len(drawn))]
-        seen = list(pool.map(_count_labels, [kind] * len(drawn), [int(s) for s in drawn], counts))
-        every += seen
-        total = _together(seen)
-        yield from _wrong_labels(kind, total)
+        total = _together(pool.map(_count_labels, [kind] * len(drawn), [int(s) for s in drawn], counts))
+        every.append(total)
+        note = _views_note(total)
+        yield Row.at_most(f"{kind}: {WRONG_NAMES}", float(total.wrong), 0.0, note=note)
         share = 100.0 * total.measured / max(total.as_stated, 1)
-        yield Row.context(f"{kind}: mutated views measured", share, "%", _views_note(total))
+        yield Row.context(f"{kind}: mutated views measured", share, "%", note)
+        yield Row.context(f"{kind}: points {ASTRAY_PX} px off and more", float(total.astray), note=note)
         if kind == "charuco":
             alone = 100.0 * total.by_markers / max(total.views, 1)
-            yield Row.context(
-                "charuco: found by OpenCV's markers alone", alone, "%", f"{total.views:,} views"
-            )
-    yield from _wrong_labels("every kind with markers or dots", _together(every))
+            yield Row.context(f"{kind}: found by OpenCV's markers alone", alone, "%", note)
+    total = _together(every)
+    what = f"every kind with markers or dots: {WRONG_NAMES}"
+    yield Row.at_most(what, float(total.wrong), 0.0, note=_views_note(total))
 
 
-def _together(seen: list[_LabelCounts]) -> _LabelCounts:
-    return _LabelCounts(*(sum(getattr(n, f) for n in seen) for f in _LabelCounts.__dataclass_fields__))
-
-
-def _wrong_labels(name: str, seen: _LabelCounts) -> Iterable[Row]:
-    what = f"{name}: points accepted under a wrong name"
-    yield Row.at_most(what, float(seen.wrong), 0.0, note=_views_note(seen))
+def _together(seen: Iterable[_LabelCounts]) -> _LabelCounts:
+    return _LabelCounts(*map(sum, zip(*map(astuple, seen), strict=True)))
 
 
 def _views_note(seen: _LabelCounts) -> str:
