@@ -2,7 +2,7 @@
 
 Dots are detected (`blobs`), linked to lattices (`lattice`), and the lattice that has the target's places is taken, or
 one that is a part of it with the larger dot at its origin (`partial_view`). Each dot is then fitted at full resolution,
-and the image of its centre is determined from the fit (`ellipse_fit`).
+and the image of its centre is determined from the fit (`centres`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Whether refined corners of a board with markers are where their neighbours have them.
+"""Whether refined corners of a board with markers, or centres of dots, are where their neighbours have them.
 
 The edge of a hand, or print next to a board, may make a corner that the refiner accepts. A lens bends the image of a
 plane smoothly: the residuals of the corners after one homography are locally linear. So each corner is predicted
@@ -36,15 +36,18 @@ def neighbour_inliers(
     points_px: Float[np.ndarray, "n 2"],
     standard_uncertainty_px: Float[np.ndarray, " n"],
     trusted: Bool[np.ndarray, " n"],
+    *,
+    most_uncertain: float = _UNCERTAIN,
 ) -> Bool[np.ndarray, " n"]:
-    """Return which of the trusted corners are as certain as the others, and where their neighbours predict them.
+    """Return which of the trusted points are where their neighbours predict them, and not more than `most_uncertain`
+    times as uncertain as their median.
 
-    `places` are the corners' on the print, in any unit; `points_px` and `standard_uncertainty_px` refined.
+    `places` are the points' on the print, pitches; `points_px` and `standard_uncertainty_px` refined.
     """
     kept = trusted.copy()
     if not kept.any():
         return kept
-    kept &= standard_uncertainty_px <= _UNCERTAIN * np.median(standard_uncertainty_px[trusted])
+    kept &= standard_uncertainty_px <= most_uncertain * np.median(standard_uncertainty_px[trusted])
     members = np.flatnonzero(kept)
     if len(members) < _MIN_CORNERS or not is_well_distributed(places[members]):
         return kept
@@ -85,7 +88,7 @@ def _are_predicted(
 def is_well_distributed(places: Float[np.ndarray, "n 2"]) -> bool:
     """Return whether places of a grid, (n, 2), determine a plane's image: two rows with two of them each have four of
     which no three lie on a line."""
-    _, counts = np.unique(places[:, 1], return_counts=True)
+    _, counts = np.unique(np.round(places[:, 1], 1), return_counts=True)  # certified places: nearly in line
     return bool(np.count_nonzero(counts >= 2) >= 2)
 
 

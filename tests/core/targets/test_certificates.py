@@ -10,7 +10,9 @@ import pytest
 
 from core.calibration import ShapePrior
 from core.errors import InvalidTarget
-from core.targets import Certificate, CertificateUncertainty, TargetSpec, target_of
+from core.simulation import standard_scene
+from core.targets import Certificate, CertificateUncertainty, TargetSpec, detect, target_of
+from tests.support.simulation.renders import render
 
 BOARD = TargetSpec("chessboard", 5, 4, 10.0)
 PITCHES = Certificate(
@@ -81,3 +83,28 @@ def test_points_row_by_row_replace_the_grid() -> None:
 def test_certificates_that_contradict_are_refused(fields: dict[str, object], says: str) -> None:
     with pytest.raises(InvalidTarget, match=says):
         dataclasses.replace(BOARD, certificate=Certificate.of(fields))
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        TargetSpec("circles", 9, 7, 25.0),
+        TargetSpec("asymmetric_circles", 4, 11, 20.0),
+        TargetSpec("aprilgrid", 5, 4, 35.0, 25.0),
+        TargetSpec("charuco", 9, 6, 25.0, 18.0, "DICT_5X5_100"),
+    ],
+    ids=lambda target: target.kind,
+)
+def test_a_board_with_certified_points_is_found_as_one_without(target: TargetSpec) -> None:
+    """Points of a row are never exactly in line; whether points are those of a plane is asked by rows."""
+    image = render(standard_scene(target, seed=1))
+    points = target.points_target() + np.random.default_rng(1).normal(0.0, 0.005, (target.size, 3))
+    certificate = Certificate(
+        points_mm=tuple(map(tuple, points.tolist())), points_standard_uncertainty_mm=0.002
+    )
+    plain, certified = (
+        detect(image, t) for t in (target, dataclasses.replace(target, certificate=certificate))
+    )
+    assert len(plain) > 0.9 * target.size
+    np.testing.assert_array_equal(certified.column, plain.column)
+    np.testing.assert_allclose(certified.points_px, plain.points_px, atol=0.02)

@@ -53,7 +53,7 @@ def perspective_corrected_centres(
     squares = np.stack([0.5 * ring[:, 0] ** 2, ring[:, 0] * ring[:, 1], 0.5 * ring[:, 1] ** 2])
     measured = fitted.shapes[:, :2]
     # Before a map of all is fitted: what is half hidden would pull it.
-    trusted = neighbour_inliers(ideal, measured, uncertainty_px, fitted.trusted)
+    trusted = neighbour_inliers(ideal, measured, uncertainty_px, fitted.trusted, most_uncertain=np.inf)
     # the second place of each dot, a little along x, shows how the slope along y changes on the way there
     places = np.concatenate([ideal, ideal + np.array([_DERIVATIVE_STEP, 0.0])])
     shift = np.zeros((count, 2))
@@ -64,7 +64,7 @@ def perspective_corrected_centres(
             break  # they determine no map
         centres = measured - shift
         weights = np.concatenate([trusted.astype(np.float64), np.zeros(count)])
-        lens = fit_lens_map(ideal[trusted], centres[trusted], image_middle_px, lens)
+        lens = fit_lens_map(ideal[trusted], centres[trusted], image_middle_px, lens) or lens
         bend, bend_slopes = np.zeros((count, 2)), np.zeros((count, 2, 2))
         if lens:
             bend, bend_slopes = lens.bend(ideal), lens.bend_slopes(ideal)
@@ -80,8 +80,10 @@ def perspective_corrected_centres(
         before = trusted
         if corrected:  # till then larger dots are farther off than others
             apart = _outlines_off(fitted.shapes, J, radius, before)
-            trusted = trusted & (off <= _ASTRAY * _usual(off, before, _LEAST_OFF_PX))
-            trusted &= apart <= _MISSHAPEN * _usual(apart, before, 2.0 * uncertainty_px)
+            usual = _usual(off, before, _LEAST_OFF_PX)
+            trusted = trusted & (off <= _ASTRAY * usual)
+            # A map that misses places by so much knows outlines no better.
+            trusted &= apart <= _MISSHAPEN * _usual(apart, before, np.maximum(2.0 * uncertainty_px, usual))
         departure = np.tensordot(second * (radius**2)[:, None, None], squares, axes=(1, 0)).transpose(0, 2, 1)
         if lens:
             departure += _bent_outlines(lens, ideal, radius[:, None, None] * ring) - bend[:, None]
@@ -126,7 +128,7 @@ def _outlines_off(
 
 def _roots(C: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, "n 2 2"]:
     """Return the symmetric roots of matrices: an ellipse's half axes (px) in their directions."""
-    s = np.sqrt(np.linalg.det(C))[:, None, None]
+    s = np.sqrt(np.maximum(np.linalg.det(C), 0.0))[:, None, None]
     return np.asarray((C + s * np.eye(2)) / np.sqrt(np.trace(C, axis1=1, axis2=2)[:, None, None] + 2.0 * s))
 
 
