@@ -206,7 +206,7 @@ def _count_labels(kind: str, seed: int, count: int) -> _LabelCounts:
         wrong += view.wrong(found)
         corners += len(found)
         off = np.linalg.norm(found.points_px[:, None] - view.points_px, axis=2)
-        astray += int(np.count_nonzero(np.nanmin(off, axis=1) > ASTRAY_PX))
+        astray += int(np.count_nonzero(np.nanmin(off, axis=1, initial=np.inf) > ASTRAY_PX))
         measured += view.is_as_stated
         if kind == "charuco":
             codes = marker_codes(str(view.target.dictionary))

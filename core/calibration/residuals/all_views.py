@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.residuals.blocks import BLOCK, POINT_ROWS, ROWS, add_products, evaluate, load
+from core.calibration.residuals.blocks import (
+    BLOCK,
+    POINT_RESIDUAL,
+    POINT_ROWS,
+    ROWS,
+    add_products,
+    evaluate,
+    load,
+)
 from core.jit import jit
 
 
@@ -60,7 +68,8 @@ def normal_equations(
         for begin in range(0, count, BLOCK):
             full = load(target, centroids[i], observed, root, begin, points)
             evaluate(points, full, parameters[i], rotations[i], translations_mm[i], True, rows)
-            _keep(points, start + begin, end, weight, residuals, squared)
+            if not robust:
+                _keep(points, start + begin, end, weight, residuals, squared)
             add_products(rows, full, products[i])
         cost[i] = 2.0 * count * np.log(scale) if robust else products[i, 14, 14]
         for a in range(15):
@@ -79,6 +88,6 @@ def _keep(
 ) -> None:
     """Write a block's residuals and squared distances to those of all views, from `begin` on."""
     for k in range(min(BLOCK, end - begin)):
-        u, v = points[BLOCK * 6 + k], points[BLOCK * 7 + k]
+        u, v = points[BLOCK * POINT_RESIDUAL + k], points[BLOCK * (POINT_RESIDUAL + 1) + k]
         residuals[0, begin + k], residuals[1, begin + k] = u, v
         squared[begin + k] = (u * u + v * v) * weight[begin + k]

@@ -1,8 +1,8 @@
 """Residuals of views before a camera of any lens model.
 
 The number of a camera's parameters says which model it is (`core.geometry.LENS_PARAMETERS`). Brown's, that of nearly
-every session, has compiled kernels (`one_view`). The wide models have the same functions in numpy: no
-installation compiles for a lens it may never see, and a view costs a tenth of a millisecond.
+every session, has compiled kernels (`one_view`). The wide models have the same functions in numpy: no installation
+compiles for a lens it may never see, and a view costs a tenth of a millisecond.
 """
 
 from __future__ import annotations
@@ -40,8 +40,7 @@ def residuals_with_jacobian(
     target: Float[np.ndarray, "3 n"], observed: Float[np.ndarray, "2 n"], view: View, cameras: int
 ) -> tuple[Float[np.ndarray, "2 n"], Float[np.ndarray, "p 2 n"]]:
     """Return observed - predicted (px) and the derivatives of the prediction, by the first `cameras` of the camera's
-    parameters (those that are free, or 0), a rotation about the centroid and a translation; see
-    `one_view`.
+    parameters (those that are free, or 0), a rotation about the centroid and a translation; see `one_view`.
     """
     rotation, translation_mm = np.ascontiguousarray(view.rotation), view.translation_mm
     if len(view.parameters) == BROWN_SIZE:
@@ -70,8 +69,8 @@ def products_of_view(
     *,
     robust: bool,
 ) -> tuple[Float[np.ndarray, "q q"], Float[np.ndarray, " n"], float]:
-    """Return what `normal_equations` writes for a view: the products of derivatives and residuals,
-    whose row and column are the last, squared distances in stated uncertainties, and the cost.
+    """Return what `normal_equations` writes for a view: the products of derivatives and residuals, whose row and column
+    are the last, squared distances in stated uncertainties, and the cost.
     """
     squared = np.sum(residuals * residuals, axis=0) * weight
     if robust:
@@ -97,8 +96,8 @@ def descend(
     share: float,
     least: float,
 ) -> tuple[View, float]:
-    """Walk from a pose down to the minimum in whose valley it lies, as `one_view.descend`; return the state
-    there and its cost.
+    """Walk from a pose down to the minimum in whose valley it lies, as `one_view.descend`; return the state there and
+    its cost.
     """
     rotation, translation_mm = np.ascontiguousarray(start.rotation), start.translation_mm
     if len(start.parameters) == BROWN_SIZE:

@@ -16,7 +16,7 @@ BLOCK = 192
 """Points. Rows at a distance of a power of two would share the same lines of the processor's cache."""
 _LANES = 8
 """Points in the widest vector: a block that ends within one would go on point by point."""
-POINT_ROWS, ROWS = 8, 30
+POINT_ROWS, POINT_RESIDUAL, ROWS = 8, 6, 30
 _POINT = tuple(np.uint64(BLOCK * row) for row in range(POINT_ROWS))
 """Where rows of points begin. Indices without a sign spare the question whether they count from the end."""
 _U = tuple(np.uint64(BLOCK * row) for row in range(0, ROWS, 2))

@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration.residuals.blocks import BLOCK, POINT_ROWS, POSE, RESIDUAL, ROWS, evaluate, load
+from core.calibration.residuals.blocks import (
+    BLOCK,
+    POINT_RESIDUAL,
+    POINT_ROWS,
+    POSE,
+    RESIDUAL,
+    ROWS,
+    evaluate,
+    load,
+)
 from core.jit import jit
 
 
@@ -34,7 +43,8 @@ def residuals_with_jacobian(
         evaluate(points, full, parameters, rotation, translation_mm, True, rows)
         here = min(BLOCK, count - begin)
         for uv in range(2):
-            residuals[uv, begin : begin + here] = points[BLOCK * (6 + uv) : BLOCK * (6 + uv) + here]
+            start = BLOCK * (POINT_RESIDUAL + uv)
+            residuals[uv, begin : begin + here] = points[start : start + here]
             for a in range(cameras + 6):
                 start = BLOCK * (2 * (POSE - cameras + a) + uv)
                 jacobian[a, uv, begin : begin + here] = rows[start : start + here]

@@ -30,7 +30,9 @@ _TOP = 0.995  # of the largest level
 _MIN_CLIPPED_SHARE = 0.02  # of the white pixels that determine the edge
 _NEIGHBOURS = 8
 _SURE = 3.0  # standard deviations
-_MIN_SCATTERED = 40  # dots: some six times as many coordinates as their map has parameters
+_MIN_SCATTERED = (
+    40  # dots: some six times as many coordinates as their map has parameters; half of them at least agree
+)
 _MEDIAN_SCATTER = 1.44  # of the median of n squared lengths in the plane, by itself and 1/√n
 _ROUNDING = 1.0 / 12.0
 
@@ -75,7 +77,7 @@ def unstated_uncertainty(
     """
     found = np.zeros(len(radius))
     total = int(fitted.trusted.sum())
-    if total >= _MIN_SCATTERED:
+    if len(radius) >= _MIN_SCATTERED and 2 * total >= _MIN_SCATTERED:
         free = 1.0 - LENS_PARAMETERS / (2.0 * total)
         in_units = np.full(len(radius), np.nan)  # of dots that were fitted; others have no uncertainty
         in_units[fitted.trusted] = (off_px[fitted.trusted] / uncertainty_px[fitted.trusted]) ** 2 / (

@@ -42,7 +42,7 @@ def neighbour_inliers(
     """Return which of the trusted points are where their neighbours predict them, and not more than `most_uncertain`
     times as uncertain as their median.
 
-    `places` are the points' on the print, pitches; `points_px` and `standard_uncertainty_px` refined.
+    `places` are the points' on the print, in pitches or gaps; `points_px` and `standard_uncertainty_px` refined.
     """
     kept = trusted.copy()
     if not kept.any():

@@ -72,3 +72,16 @@ def test_scatter_about_the_map_is_stated_where_it_is_beyond_chance() -> None:
     assert np.mean([found.max() > 0.0 for found in as_stated]) < 0.02
     larger = [unstated_uncertainty(fitted, radius, 0.15 * off, clipped, np.full(100, 0.03)) for off in unit]
     assert np.median(larger) == pytest.approx(np.sqrt(0.15**2 - 0.03**2), rel=0.1)
+
+
+def test_rejected_dots_do_not_silence_the_scatter_of_the_others() -> None:
+    """Of 44 dots before a bowed sheet five are rejected: the others scatter as before."""
+    ones = np.ones(44)
+    fitted = FittedDots(
+        np.tile([0.0, 0.0, 0.01, 0.0, 0.01, 0.8], (44, 1)), ones, np.zeros((44, 2, 2)), ones, ones > 0.0
+    )
+    off = np.hypot(*np.random.default_rng(2).normal(0.0, 0.15, (2, 44)))
+    left = FittedDots(fitted.shapes, ones, fitted.covariance, ones, np.arange(44) >= 5)
+    for dots in (fitted, left):
+        added = unstated_uncertainty(dots, 0.25 * ones, off, ones < 0.0, 0.03 * ones)
+        assert np.median(added) == pytest.approx(0.15, rel=0.3)
