@@ -30,9 +30,8 @@ _TOP = 0.995  # of the largest level
 _MIN_CLIPPED_SHARE = 0.02  # of the white pixels that determine the edge
 _NEIGHBOURS = 8
 _SURE = 3.0  # standard deviations
-_MIN_SCATTERED = (
-    40  # dots: some six times as many coordinates as their map has parameters; half of them at least agree
-)
+_MIN_FREE = 3  # coordinates beyond the parameters of the dots' map
+_FEW = 20  # dots, of which the mean says more than the median
 _MEDIAN_SCATTER = 1.44  # of the median of n squared lengths in the plane, by itself and 1/√n
 _ROUNDING = 1.0 / 12.0
 
@@ -77,7 +76,7 @@ def unstated_uncertainty(
     """
     found = np.zeros(len(radius))
     total = int(fitted.trusted.sum())
-    if len(radius) >= _MIN_SCATTERED and 2 * total >= _MIN_SCATTERED:
+    if 2 * total >= LENS_PARAMETERS + _MIN_FREE:
         free = 1.0 - LENS_PARAMETERS / (2.0 * total)
         in_units = np.full(len(radius), np.nan)  # of dots that were fitted; others have no uncertainty
         in_units[fitted.trusted] = (off_px[fitted.trusted] / uncertainty_px[fitted.trusted]) ** 2 / (
@@ -88,12 +87,12 @@ def unstated_uncertainty(
             count = int(some.sum())
             if not count:
                 continue
-            if count >= _NEIGHBOURS:  # the median of so many squares scatters by a part of itself
+            if count >= _FEW:  # the median of so many squares scatters by a part of itself
                 ratio = float(np.median(in_units[some])) / math.log(2.0)
                 by_chance = 1.0 + _SURE * _MEDIAN_SCATTER / math.sqrt(count)
             else:
                 ratio = float(np.mean(in_units[some]))
-                by_chance = 1.0 + _SURE / math.sqrt(count)
+                by_chance = 1.0 + _SURE / math.sqrt(count * free)
             if ratio > by_chance:
                 stated = float(np.sqrt(np.mean(uncertainty_px[some] ** 2)))
                 found[kind] = stated * math.sqrt(ratio - 1.0)

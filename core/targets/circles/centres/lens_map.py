@@ -20,9 +20,10 @@ from jaxtyping import Float
 
 from core.geometry import normalised_homography
 
-MIN_POINTS = 12
-"""Of the smallest boards; nearly twice as many coordinates as parameters."""
 PARAMETERS = 13
+_NOISE_PX = 0.02  # of a centre, compared with which the priors count
+_CENTRE_SD = 0.05  # of half of the image's diagonal, about its middle
+_BEND_SD = (0.3, 0.2, 0.1)  # of half of the diagonal, at its end, by k₁ to k₃
 _MAX_STEPS = 60
 _SETTLED = 1e-6  # of the sum of squares
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e6
@@ -64,19 +65,19 @@ def fit_lens_map(
     points_px: Float[np.ndarray, "n 2"],
     image_middle_px: Float[np.ndarray, "2"],
     start: LensMap | None = None,
-) -> LensMap | None:
+) -> LensMap:
     """Fit the map to points by Levenberg's and Marquardt's method, from a homography with the lens's centre in the
-    image's middle, or from the map of points near them; None for fewer than `MIN_POINTS`."""
-    if len(plane) < MIN_POINTS:
-        return None
+    image's middle, or from the map of points near them. Priors say what few points leave open: ten coordinates of nine
+    dots stand against five of a lens's parameters."""
     start = start or _plain(plane, points_px, image_middle_px)
     p = start.parameters
+    expected, weight = _prior(start, image_middle_px)
     x, y = (plane - start.middle) / start.size, (points_px - start.middle_px) / start.size_px
     mapped, J = _mapped(p, x)
     residuals = (y - mapped).ravel()
-    squares, damping = float(residuals @ residuals), _FIRST_DAMPING
+    squares, damping = float(residuals @ residuals + weight @ (expected - p) ** 2), _FIRST_DAMPING
     for _ in range(_MAX_STEPS):
-        N, g = J.T @ J, J.T @ residuals
+        N, g = J.T @ J + np.diag(weight), J.T @ residuals + weight * (expected - p)
         scale = np.maximum(np.diag(N), _LEAST_SCALE * np.trace(N))
         gain = 0.0
         while damping < _MOST_DAMPING:
@@ -84,7 +85,7 @@ def fit_lens_map(
             with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of a step much too long
                 mapped, J_there = _mapped(p + step, x)
                 there = (y - mapped).ravel()
-                gain = squares - float(there @ there)
+                gain = squares - float(there @ there + weight @ (expected - p - step) ** 2)
             if gain > 0.0:
                 p, J, residuals, squares = p + step, J_there, there, squares - gain
                 damping = max(0.1 * damping, _LEAST_DAMPING)
@@ -108,6 +109,18 @@ def _plain(
     c = (image_middle_px - middle_px) / size_px
     parameters = np.concatenate([H.ravel()[:8] / H[2, 2], c, np.zeros(3)])
     return LensMap(parameters, middle, size, middle_px, size_px)
+
+
+def _prior(
+    start: LensMap, image_middle_px: Float[np.ndarray, "2"]
+) -> tuple[Float[np.ndarray, "13"], Float[np.ndarray, "13"]]:
+    """Return what the parameters are expected to be, and the weights of that, those of points being 1."""
+    expected, deviation = np.zeros(PARAMETERS), np.full(PARAMETERS, np.inf)
+    half_diagonal = float(np.hypot(*image_middle_px)) / start.size_px
+    expected[8:10] = (image_middle_px - start.middle_px) / start.size_px
+    deviation[8:10] = _CENTRE_SD * half_diagonal
+    deviation[10:] = _BEND_SD / half_diagonal ** np.array([2, 4, 6])
+    return expected, (_NOISE_PX / start.size_px / deviation) ** 2
 
 
 def _mapped(

@@ -64,15 +64,13 @@ def perspective_corrected_centres(
             break  # they determine no map
         centres = measured - shift
         weights = np.concatenate([trusted.astype(np.float64), np.zeros(count)])
-        lens = fit_lens_map(ideal[trusted], centres[trusted], image_middle_px, lens) or lens
-        bend, bend_slopes = np.zeros((count, 2)), np.zeros((count, 2, 2))
-        if lens:
-            bend, bend_slopes = lens.bend(ideal), lens.bend_slopes(ideal)
+        lens = fit_lens_map(ideal[trusted], centres[trusted], image_middle_px, lens)
+        bend = lens.bend(ideal)
         straight = centres - bend
         twice = np.concatenate([straight, straight])
         shape = grid_shape(grid_basis(places, twice, weights), twice, weights)
         drawn = shape.points_px[:count] + bend
-        J = np.stack([shape.along_x[:count], shape.along_y[:count]], axis=2) + bend_slopes
+        J = np.stack([shape.along_x[:count], shape.along_y[:count]], axis=2) + lens.bend_slopes(ideal)
         mixed = (shape.along_y[count:] - shape.along_y[:count]) / _DERIVATIVE_STEP
         second = np.stack([shape.bend_x[:count], mixed, shape.bend_y[:count]], axis=1)
         off = np.hypot(*(centres - drawn).T)
@@ -85,8 +83,7 @@ def perspective_corrected_centres(
             # A map that misses places by so much knows outlines no better.
             trusted &= apart <= _MISSHAPEN * _usual(apart, before, np.maximum(2.0 * uncertainty_px, usual))
         departure = np.tensordot(second * (radius**2)[:, None, None], squares, axes=(1, 0)).transpose(0, 2, 1)
-        if lens:
-            departure += _bent_outlines(lens, ideal, radius[:, None, None] * ring) - bend[:, None]
+        departure += _bent_outlines(lens, ideal, radius[:, None, None] * ring) - bend[:, None]
         renewed = _ellipse_centres(departure, J * radius[:, None, None], ring)
         moved = float(np.max(np.abs(renewed - shift)[before])) if before.any() else 0.0
         shift = renewed
