@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -15,17 +15,16 @@ from core.errors import Advisory, listed
 from core.kinematics.arm_model import NOMINAL_LENGTH_MM, ArmState
 from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters
 from core.kinematics.error_model import FEW_POSES, ErrorModel, Level, joint_approach
-from core.kinematics.global_fit import Conditioning, FitResult, Gauge, HoldOutError, Validation, rms
+from core.kinematics.global_fit import Conditioning, FitResult, Gauge, Validation
 from core.kinematics.pose_observations import PoseData
-from core.kinematics.sweeps import find_sweeps
 
 
 @dataclass(frozen=True, slots=True)
 class JointEstimate:
     """One joint, counted from 1. The mappings have the names of `JOINT_PARAMETERS`; an uncertainty is None where the
     parameter is not identifiable, and the parameter then has the nominal's value, or zero. `arc_rad` is the range of
-    the joint's angles, of joints identified by sweeps alone that of the longest. `poses` are those of its sweeps and
-    `residual` theirs; all poses where it has none.
+    the joint's angles, of joints identified by sweeps alone that of the longest. `poses` are those of its sweeps, or
+    all that were fitted.
     """
 
     joint: int
@@ -36,7 +35,6 @@ class JointEstimate:
     parallel_to_next: bool
     arc_rad: float
     poses: int
-    residual: HoldOutError | None
 
 
 def joint_estimates(
@@ -66,25 +64,9 @@ def joint_estimates(
                 parallel_to_next=bool(gauge.parallel[i]),
                 arc_rad=float(np.ptp(joint_angles[:, i])),
                 poses=len(joint_angles),
-                residual=None,
             )
         )
     return tuple(joints)
-
-
-def with_residuals(
-    joints: tuple[JointEstimate, ...], refined: FitResult, poses: PoseData
-) -> tuple[JointEstimate, ...]:
-    """Return the joints with the residuals at the poses of their sweeps; at all poses for a joint without sweeps."""
-    members: list[set[int]] = [set() for _ in joints]
-    for sweep in find_sweeps(poses):
-        members[sweep.joint].update(i for i in sweep.poses.tolist() if refined.used[i])
-    everything = np.flatnonzero(refined.used)
-    found = []
-    for joint, of_sweeps in zip(joints, members, strict=True):
-        chosen = np.array(sorted(of_sweeps), dtype=np.intp) if of_sweeps else everything
-        found.append(replace(joint, poses=len(chosen), residual=rms(refined.residuals[:, chosen])))
-    return tuple(found)
 
 
 ILL_CONDITIONED = 100.0

@@ -75,10 +75,8 @@ class LinearResiduals:
     by_pose
         g, the derivative by a parameter that each pose has of its own; None without such a parameter.
     covariance
-        Σ of a fit that stays as it is. None: the fit follows the variances, Σ = (Σ JᵀPJ + prior)⁻¹, and its residuals
+        Σ of a fit that stays as it is. None: the fit follows the variances, Σ = (Σ JᵀPJ)⁻¹, and its residuals
         with it.
-    prior
-        The information on b from elsewhere.
     """
 
     known: Float[np.ndarray, "n m m"]
@@ -86,7 +84,6 @@ class LinearResiduals:
     jacobian: Float[np.ndarray, "n m p"]
     by_pose: Float[np.ndarray, "n m"] | None = None
     covariance: Float[np.ndarray, "p p"] | None = None
-    prior: Float[np.ndarray, "p p"] | None = None
 
 
 def weights(known: Float[np.ndarray, "n m m"], variances: Variances) -> Float[np.ndarray, "n m m"]:
@@ -125,7 +122,6 @@ def estimate_variances(
             covariance = group.covariance
             if covariance is None:
                 H = np.einsum("nmp,nmq->pq", group.jacobian, PJ)
-                H = H if group.prior is None else H + group.prior
                 covariance = np.linalg.pinv(H, hermitian=True)
                 Pr = Pr - PJ @ (covariance @ np.einsum("nmp,nm->p", PJ, group.residuals))
             taken = np.sum((PJ @ covariance) * PJ, axis=2)

@@ -10,7 +10,6 @@ from core.calibration.hand_eye.further_stations import information_so_far, stati
 from core.calibration.hand_eye.initialisation import frame_rotations
 from core.calibration.hand_eye.position_only import PositionOnlyCalibration, calibrate_from_positions
 from core.calibration.hand_eye.result import (
-    CameraMountPrior,
     HandEyeCalibration,
     HandEyeObservation,
     PoseResidual,
@@ -21,7 +20,6 @@ from core.calibration.hand_eye.result import (
 __all__ = [
     "CORRECT_PITCH",
     "MIN_POSES_TO_REJECT",
-    "CameraMountPrior",
     "HandEyeCalibration",
     "HandEyeObservation",
     "PoseResidual",

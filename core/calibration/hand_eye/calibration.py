@@ -42,7 +42,6 @@ from core.calibration.hand_eye.initialisation import (
     MIN_POSES,
     check_count,
     check_poses,
-    place_targets,
     start_of,
 )
 from core.calibration.hand_eye.model import (
@@ -57,14 +56,13 @@ from core.calibration.hand_eye.model import (
 )
 from core.calibration.hand_eye.outlying_poses import most_credible
 from core.calibration.hand_eye.result import (
-    CameraMountPrior,
     HandEyeCalibration,
     HandEyeObservation,
 )
 from core.calibration.hand_eye.scale_difference import scale_difference
 from core.errors import InvalidArgument, MotionInsufficient, NotConverged
-from core.geometry import hats, so3_log
-from core.numerics import REJECTION, Fit, LinearResiduals, Prior, Variances, estimate_variances, fit
+from core.geometry import hats
+from core.numerics import REJECTION, Fit, LinearResiduals, Variances, estimate_variances, fit
 
 MIN_POSES_TO_REJECT = 6
 """With fewer poses than this no pose is identified as an outlier."""
@@ -72,14 +70,11 @@ MEDIAN_LENGTH = 1.538172
 """The median length of three independent standard normals."""
 
 
-def calibrate_hand_eye(
-    stations: Sequence[HandEyeObservation], *, mount: CameraMountPrior | None = None
-) -> HandEyeCalibration:
+def calibrate_hand_eye(stations: Sequence[HandEyeObservation]) -> HandEyeCalibration:
     """Estimate T_flange_camera and T_base_target, one for each target, from commanded poses and measured ones.
 
-    A stated `mount` is a prior: with it poses of like orientation serve too. A camera that stands still before a target
-    on the flange is the same problem: with T_camera_target in place of T_target_camera the answers are T_flange_target
-    and T_base_camera.
+    A camera that stands still before a target on the flange is the same problem: with T_camera_target in place of
+    T_target_camera the answers are T_flange_target and T_base_camera.
 
     Raises InvalidArgument for poses that are not rigid motions or contradict each other, MotionInsufficient where
     the poses do not determine the frames (the detail says which part), NotConverged where no frames explain most poses.
@@ -87,29 +82,26 @@ def calibrate_hand_eye(
     poses = _arrays(stations)
     check_count(len(stations))
     check_poses(poses)
-    start = start_of(poses) if mount is None else place_targets(mount.T_flange_camera, poses)
+    start = start_of(poses)
     enough = len(stations) >= MIN_POSES_TO_REJECT
-    frames, used = _robust(start, poses, mount) if enough else (start, np.ones(len(stations), dtype=np.bool_))
+    frames, used = _robust(start, poses) if enough else (start, np.ones(len(stations), dtype=np.bool_))
     for _ in range(4):
-        found = _plain(frames, poses, used, mount)
+        found = _plain(frames, poses, used)
         frames = found.frames
         within = _within(found, poses) if enough else used
         if np.array_equal(within, used):
             break
         used = within
-    while (credible := _most_credible(found, poses, used, mount)) is not None:
+    while (credible := _most_credible(found, poses, used)) is not None:
         used = used.copy()
         used[credible] = True
-        found = _plain(found.frames, poses, used, mount)
+        found = _plain(found.frames, poses, used)
     distance = float(np.median(np.linalg.norm(poses.T_target_camera[used, :3, 3], axis=1)))
     warnings = warnings_of(
         found.robot.deviations, distance, [s.pose_id for s, u in zip(stations, used, strict=True) if not u]
     )
     check_answer(found, distance, warnings)
-    q, Q = (np.zeros(1), np.zeros((1, found.frames.size))) if mount is None else _prior(mount)(found.frames)
-    scale = scale_difference(
-        found, poses, used, (Q.T @ Q, Q.T @ q), shared_motions(found.frames, stations, poses)
-    )
+    scale = scale_difference(found, poses, used, shared_motions(found.frames, stations, poses))
     shared = SharedErrors.of(found, stations, poses, used)
     return HandEyeCalibration(
         T_flange_camera=found.frames.T_flange_camera,
@@ -118,7 +110,7 @@ def calibrate_hand_eye(
         covariance_given_camera=found.covariance,
         robot_position_mm=found.robot.deviations[0],
         robot_rotation=found.robot.deviations[1],
-        degrees_of_freedom=_surplus(poses, used, mount),
+        degrees_of_freedom=_surplus(poses, used),
         deviations=deviations_of(found, shared, stations, poses, used),
         warnings=tuple(warnings),
         common=shared.frames,
@@ -154,9 +146,7 @@ def _at_least(variances: Float[np.ndarray, "2"]) -> Variances:
     return Variances(max(position, MIN_ROBOT_SIGMAS.position), max(rotation, MIN_ROBOT_SIGMAS.rotation))
 
 
-def _fit(
-    start: Frames, poses: PoseArrays, robot: Variances, mount: CameraMountPrior | None, *, expected: float
-) -> Fit[Frames]:
+def _fit(start: Frames, poses: PoseArrays, robot: Variances, *, expected: float) -> Fit[Frames]:
     """Fit with the weights of `robot`; `expected` is the residual scale up to which no outliers are sought."""
     W = whitening(pose_variances(start, poses, robot))
     count = len(W)
@@ -174,39 +164,22 @@ def _fit(
         Frames.moved,
         start,
         np.full(2 * count, expected),
-        prior=None if mount is None else _prior(mount),
         smallest_scale=expected,
     )
 
 
-def _prior(mount: CameraMountPrior) -> Prior[Frames]:
-    sigma = np.repeat([mount.position_standard_uncertainty_mm, mount.rotation_standard_uncertainty], 3)
-
-    def prior(frames: Frames) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6 p"]]:
-        expected, here = mount.T_flange_camera, frames.T_flange_camera
-        turn = so3_log(expected[:3, :3] @ here[:3, :3].T)
-        q = np.concatenate([expected[:3, 3] - here[:3, 3], turn]) / sigma
-        return q, np.hstack([np.diag(1.0 / sigma), np.zeros((6, frames.size - 6))])
-
-    return prior
-
-
-def _robust(
-    start: Frames, poses: PoseArrays, mount: CameraMountPrior | None
-) -> tuple[Frames, Bool[np.ndarray, " n"]]:
+def _robust(start: Frames, poses: PoseArrays) -> tuple[Frames, Bool[np.ndarray, " n"]]:
     """Return frames and inlier stations: weights from the medians, then Cauchy's."""
     lengths = np.linalg.norm(residuals(start, poses).reshape(-1, 2, 3), axis=2)
     medians = np.median(lengths, axis=0) / MEDIAN_LENGTH
     robot = _at_least(medians**2)
     # Less is expected than the medians say, so that the solver does not pass over its robust stage.
-    result = _fit(start, poses, robot, mount, expected=0.2)
+    result = _fit(start, poses, robot, expected=0.2)
     used: Bool[np.ndarray, " n"] = np.all(result.used.reshape(-1, 2), axis=1)
     return result.state, used
 
 
-def _plain(
-    start: Frames, poses: PoseArrays, used: Bool[np.ndarray, " n"], mount: CameraMountPrior | None
-) -> FramesFit:
+def _plain(start: Frames, poses: PoseArrays, used: Bool[np.ndarray, " n"]) -> FramesFit:
     """Fit the stations used, with the robot's deviations estimated from them."""
     if int(used.sum()) < max(MIN_POSES, 0.5 * len(used)):
         raise NotConverged(
@@ -220,15 +193,13 @@ def _plain(
     frames = start
     for _ in range(5):
         former = robot
-        Q = np.zeros((1, frames.size)) if mount is None else _prior(mount)(frames)[1]
         left = LinearResiduals(
             measurement_covariance(frames, part),
             residuals(frames, part),
             jacobian(frames, part.T_target_camera, part.target),
-            prior=Q.T @ Q,
         )
         robot = estimate_variances([left], robot, MIN_ROBOT_SIGMAS)
-        result = _fit(frames, part, robot, mount, expected=1.0)
+        result = _fit(frames, part, robot, expected=1.0)
         if result.status == "singular":
             raise MotionInsufficient("The poses do not determine the frames.")
         if not result.converged:
@@ -251,19 +222,17 @@ def _within(found: FramesFit, poses: PoseArrays) -> Bool[np.ndarray, " n"]:
     return within
 
 
-def _surplus(poses: PoseArrays, used: Bool[np.ndarray, " n"], mount: CameraMountPrior | None) -> float:
+def _surplus(poses: PoseArrays, used: Bool[np.ndarray, " n"]) -> float:
     """Return the degrees of freedom of either variance, 1 or more.
 
     Positions and rotations share the surplus, since either has a deviation of its own, and the weight between the two
     follows from the same few residuals.
     """
     targets = int(poses.target.max()) + 1
-    return max(3.0 * (float(used.sum()) - targets) - (4.0 if mount is None else 1.0), 1.0)
+    return max(3.0 * (float(used.sum()) - targets) - 4.0, 1.0)
 
 
-def _most_credible(
-    found: FramesFit, poses: PoseArrays, used: Bool[np.ndarray, " n"], mount: CameraMountPrior | None
-) -> int | None:
+def _most_credible(found: FramesFit, poses: PoseArrays, used: Bool[np.ndarray, " n"]) -> int | None:
     """Return the pose not used that may be one of the others, or None."""
     if np.all(used):
         return None
@@ -271,4 +240,4 @@ def _most_credible(
     V = pose_variances(found.frames, poses, found.robot) + J @ found.covariance @ J.swapaxes(1, 2)
     parts = np.stack([V[:, :3, :3], V[:, 3:, 3:]], axis=1)
     e = residuals(found.frames, poses).reshape(-1, 2, 3)
-    return most_credible(e, parts, used, _surplus(poses, used, mount))
+    return most_credible(e, parts, used, _surplus(poses, used))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -44,20 +43,6 @@ class PositionObservation:
     T_target_camera: Float[np.ndarray, "4 4"]
     covariance: Float[np.ndarray, "6 6"] | None = None
     common: Float[np.ndarray, "6 k"] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class CameraMountPrior:
-    """Prior on the camera's pose on the flange, from a drawing, with standard uncertainties (mm, rad)."""
-
-    T_flange_camera: Float[np.ndarray, "4 4"]
-    position_standard_uncertainty_mm: float
-    rotation_standard_uncertainty: float
-
-    def __post_init__(self) -> None:
-        sigmas = (self.position_standard_uncertainty_mm, self.rotation_standard_uncertainty)
-        if not all(0.0 < sigma < math.inf for sigma in sigmas):
-            raise InvalidArgument("A mount's standard uncertainties must be positive numbers.")
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,14 +38,12 @@ def scale_difference(
     found: FramesFit,
     poses: PoseArrays,
     used: Bool[np.ndarray, " n"],
-    prior: tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]],
     shared: Float[np.ndarray, "n 6 k"],
 ) -> ScaleDifference | None:
     """Return the scale difference; None where the poses do not determine it.
 
-    `prior` is the information that the fit's priors have of the frames, and where they pull these; `shared` is what
-    one standard uncertainty of each error that all poses share does to the attained ones, the frames held: a focal
-    length that is off is a scale, too.
+    `shared` is what one standard uncertainty of each error that all poses share does to the attained ones, the frames
+    held: a focal length that is off is a scale, too.
     """
     part, frames = poses.part(used), found.frames
     moved = np.einsum(
@@ -58,7 +56,6 @@ def scale_difference(
         moved,
         part.T_base_flange[:, :3, 3],
         found.robot,
-        prior,
         shared[used],
     )
 
@@ -82,7 +79,6 @@ def position_scale_difference(
         problem.measured[:, :3, 3] @ state.T_base_target[:3, :3].T,
         problem.commanded,
         Variances.of_deviations(deviation_mm, MIN_ROBOT_SIGMAS.deviations[1]),
-        (np.zeros((J.shape[2], J.shape[2])), np.zeros(J.shape[2])),
         shared,
     )
 
@@ -94,7 +90,6 @@ def _by_least_squares(
     moved_mm: Float[np.ndarray, "n 3"],
     places_mm: Float[np.ndarray, "n 3"],
     robot: Variances,
-    prior: tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]],
     shared: Float[np.ndarray, "n m k"],
 ) -> ScaleDifference | None:
     """Return the scale by residuals `e` at `places_mm`, of covariance `known` and the robot's; a scale of 1 moves them
@@ -102,13 +97,10 @@ def _by_least_squares(
     """
     by_scale = np.zeros((*e.shape, 1))
     by_scale[:, :3, 0] = moved_mm
-    J = np.concatenate([of_frames, by_scale], axis=2)
-    size, components = J.shape[2], e.shape[1]
-    information = np.zeros((size, size))
-    information[:-1, :-1] = prior[0]
-    robot = estimate_variances([LinearResiduals(known, e, J, prior=information)], robot, MIN_ROBOT_SIGMAS)
+    J, components = np.concatenate([of_frames, by_scale], axis=2), e.shape[1]
+    robot = estimate_variances([LinearResiduals(known, e, J)], robot, MIN_ROBOT_SIGMAS)
     W = np.linalg.inv(known + np.diag(robot.diagonal(components)))
-    N = np.einsum("nia,nij,njb->ab", J, W, J) + information
+    N = np.einsum("nia,nij,njb->ab", J, W, J)
     try:
         C = scaled_inverse(N)
     except np.linalg.LinAlgError:
@@ -118,7 +110,7 @@ def _by_least_squares(
         return None
     weighted = np.einsum("a,nia,nij->nj", C[-1], J, W)
     of_shared = np.einsum("nj,njk->k", weighted, shared)
-    value = float(np.einsum("nj,nj->", weighted, e) + C[-1, :-1] @ prior[1])
+    value = float(np.einsum("nj,nj->", weighted, e))
     return ScaleDifference(
         value,
         math.sqrt(variance + float(of_shared @ of_shared)),

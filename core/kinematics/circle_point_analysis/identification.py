@@ -225,7 +225,6 @@ def _joints(
                 i < len(forms) and forms[i].parallel,
                 max(sweep.arc for sweep in own),
                 len({int(pose) for sweep in own for pose in sweep.poses}),
-                None,
             )
         )
     return tuple(found)

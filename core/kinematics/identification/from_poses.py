@@ -55,7 +55,7 @@ from core.kinematics.identification.sampling import sample_parameters
 from core.kinematics.joint_angle_checks import check_angles, check_joints
 from core.kinematics.nominal_checks import check_against_nominal
 from core.kinematics.pose_observations import PoseData
-from core.kinematics.results import joint_estimates, model_warnings, warnings_for, with_residuals
+from core.kinematics.results import joint_estimates, model_warnings, warnings_for
 from core.kinematics.sweeps import find_sweeps
 from core.kinematics.target_transforms import target_transforms
 from core.numerics import SMALLEST, Variances
@@ -205,9 +205,7 @@ def _report(
         chain=arm.chain,
         T_flange_camera=arm.T_flange_camera,
         T_target_base=arm.T_target_base,
-        joints=with_residuals(
-            joint_estimates(arm, gauge, covariance, nominal, poses.joint_angles[used]), refined, poses
-        ),
+        joints=joint_estimates(arm, gauge, covariance, nominal, poses.joint_angles[used]),
         names=tuple(keys[c] for c in np.flatnonzero(gauge.free)),
         covariance=covariance,
         target_transforms=target_transforms(arm, gauge.free, covariance, seen.target[used]),

@@ -10,16 +10,16 @@ from core.metrology.repeatability.intervals import (
 from core.metrology.repeatability.misplaced_visits import MisplacedVisit, find_misplaced_visits
 from core.metrology.repeatability.outliers import Outlier
 from core.metrology.repeatability.statistics import cycle_statistics
-from core.metrology.repeatability.verdict import FEW_CYCLES, Verdict, VerdictLimits
+from core.metrology.repeatability.verdict import FEW_CYCLES, MAX_INSTRUMENT_SHARE, Verdict
 
 __all__ = [
     "FEW_CYCLES",
+    "MAX_INSTRUMENT_SHARE",
     "IntervalEstimate",
     "MisplacedVisit",
     "Outlier",
     "PoseRepeatability",
     "Verdict",
-    "VerdictLimits",
     "assess_radial",
     "assess_repeatability",
     "assess_three_sigma",

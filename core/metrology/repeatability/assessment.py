@@ -34,7 +34,7 @@ from core.metrology.repeatability.readings import (
     with_resolution,
 )
 from core.metrology.repeatability.statistics import CycleStatistics, cycle_statistics
-from core.metrology.repeatability.verdict import Verdict, VerdictLimits, classify
+from core.metrology.repeatability.verdict import Verdict, classify
 from core.metrology.resolution import Resolution, find_resolution
 from core.metrology.steadiness import equal_scale
 
@@ -87,18 +87,17 @@ class PoseRepeatability:
 
 
 def assess_repeatability(
-    poses: Sequence[PoseCycles], limits: VerdictLimits | None = None, process: CycleProcess | None = None
+    poses: Sequence[PoseCycles], process: CycleProcess | None = None
 ) -> list[PoseRepeatability]:
     """Return the figures of each pose, in the order given.
 
     `process` is what the cycles follow, None for independent Gaussian ones: intervals depend on it. The same cycles and
     process give the same result whatever else is in the list; nothing is random.
     """
-    limits = limits or VerdictLimits()
     choices = [_choose(cycles) for cycles in poses]
     several = [choice.sample for choice in choices if len(choice.cycles) > 1]
     rows = iter(_assess(several, process) if several else [])
-    return [_conclude(choice, next(rows) if len(choice.cycles) > 1 else {}, limits) for choice in choices]
+    return [_conclude(choice, next(rows) if len(choice.cycles) > 1 else {}) for choice in choices]
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +217,7 @@ def _raw(sample: CycleStatistics) -> PerComponent[float | None]:
     return _figures(values if sample.mean_rotation is None else [*values, *angles.tolist()])
 
 
-def _conclude(choice: _Choice, table: dict[str, list[float]], limits: VerdictLimits) -> PoseRepeatability:
+def _conclude(choice: _Choice, table: dict[str, list[float]]) -> PoseRepeatability:
     sample, n = choice.sample, len(choice.cycles)
     known = 4 if sample.mean_rotation is None else 7
 
@@ -233,7 +232,7 @@ def _conclude(choice: _Choice, table: dict[str, list[float]], limits: VerdictLim
         corrected_interval[0] = None
     unknown = scatter_unknown(values("raw"), choice.resolution)
     verdicts: list[Verdict] = [
-        classify(reading, floor if noise_known and not (hidden and reading) else None, n, limits)
+        classify(reading, floor if noise_known and not (hidden and reading) else None, n)
         for reading, floor, hidden in zip(values("raw"), values("floor"), unknown, strict=True)
     ]
 

@@ -13,7 +13,7 @@ from core.metrology.repeatability import (
     assess_three_sigma,
     noise_only_lengths,
 )
-from core.metrology.repeatability.verdict import Verdict, VerdictLimits, classify
+from core.metrology.repeatability.verdict import Verdict, classify
 from core.metrology.rp_distribution import long_run_rp
 
 
@@ -113,9 +113,4 @@ def test_noise_in_one_direction_leaves_the_others() -> None:
     ],
 )
 def test_verdicts(reading: float, floor: float | None, cycles: int, verdict: Verdict) -> None:
-    assert classify(reading, floor, cycles, VerdictLimits()) is verdict
-
-
-def test_limits_are_the_users() -> None:
-    assert classify(1.0, 0.2, 30, VerdictLimits(instrument_share=0.1)) is Verdict.INSTRUMENT_LIMITED
-    assert classify(0.6, 1.0, 30, VerdictLimits(detection_share=0.5)) is Verdict.INSTRUMENT_LIMITED
+    assert classify(reading, floor, cycles) is verdict

@@ -63,15 +63,6 @@ def test_a_fit_at_its_own_variances_says_the_same_as_one_that_follows_them() -> 
     assert held.near(following, 1e-3)
 
 
-def test_a_prior_gives_back_what_the_fit_did_not_take() -> None:
-    """With parameters that are known beforehand nothing is taken: the variance about them has the divisor n."""
-    y = np.random.default_rng(2).normal(0.0, 2.0, (6, 3))
-    J = np.tile(np.eye(3), (6, 1, 1))
-    group = LinearResiduals(np.zeros((6, 3, 3)), y, J, prior=1e12 * np.eye(3))
-    found = estimate_variances([group], Variances(1.0, 1.0))
-    assert found.position == pytest.approx(float(np.mean(y**2)), rel=1e-3)
-
-
 def test_exact_poses_end_at_the_floor() -> None:
     group = LinearResiduals(np.zeros((8, 6, 6)), np.zeros((8, 6)), np.zeros((8, 6, 1)))
     assert estimate_variances([group], Variances(1.0, 1.0)) == SMALLEST

@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration.hand_eye import (
-    CameraMountPrior,
     HandEyeCalibration,
     HandEyeObservation,
     PositionObservation,
@@ -83,9 +82,6 @@ def _draw_camera_poses(rng: np.random.Generator, count: int, turns: str) -> list
         place = np.array([70.0, 50.0, -400.0]) + rng.normal(0.0, 60.0, 3)
         poses.append(transform(so3_exp(np.array([0.2, 0.1, 0.3])) @ so3_exp(w * TURNS[turns]), place))
     return poses
-
-
-MOUNT = CameraMountPrior(perturbed(T_FLANGE_CAMERA, np.array([2.0, -3.0, 1.0, 0.01, -0.02, 0.01])), 3.0, 0.03)
 
 
 def errors(tie: HandEyeCalibration) -> np.ndarray:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from app.analyses.documents.iso9283.runs import Json, PlanRefused, approach_poses, runs
 from core import TargetSpec
 from core.geometry import Camera, invert, rotation_to_rpy, rpy_to_rotation, so3_exp, transform
-from core.metrology import CYCLES, TEST_PLANES, VISITS, TestCube, VerdictLimits
+from core.metrology import CYCLES, MAX_INSTRUMENT_SHARE, TEST_PLANES, VISITS, TestCube
 from core.simulation import Forecast, PlannedSession, forecast_repeatability
 
 Three = tuple[float, float, float]
@@ -88,9 +88,7 @@ def plan_test(spec: TargetSpec, asked: TestRequest) -> Json:
     of_cycles = asked.cycles * asked.images_per_stop * (len(flange) + len(of_approach))
     floors = [one.floor_mm for one in forecast.poses if one.in_view]
     return plan | {
-        "least_rp_l_mm": max(floors) / VerdictLimits().instrument_share
-        if len(floors) == len(flange)
-        else None,
+        "least_rp_l_mm": max(floors) / MAX_INSTRUMENT_SHARE if len(floors) == len(flange) else None,
         "warm_up_min": asked.warm_up_min,
         "runs": conditions,
         "approach_poses": of_approach,

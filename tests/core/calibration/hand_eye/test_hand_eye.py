@@ -17,7 +17,6 @@ from core.errors import InvalidArgument
 from core.geometry.se3 import perturbed, transform
 from tests.support.simulation.hand_eye_poses import (
     MEASURED_COVARIANCE,
-    MOUNT,
     T_BASE_TARGET,
     T_FLANGE_CAMERA,
     draw_stations,
@@ -163,16 +162,6 @@ def test_nothing_is_excluded_from_a_sound_session() -> None:
     for count in (6, 8, 20):
         for _ in range(15):
             assert all(d.used for d in calibrate_hand_eye(draw_stations(rng, count)).deviations)
-
-
-@pytest.mark.parametrize("turns", ["none", "about_z", "free"])
-def test_a_drawing_of_the_mount_replaces_turning(turns: str) -> None:
-    tie = calibrate_hand_eye(draw_stations(np.random.default_rng(13), 9, turns=turns), mount=MOUNT)
-    uncertainty = np.sqrt(np.diag(tie.covariance))
-    assert np.all(np.abs(errors(tie)) < 4.0 * uncertainty)
-    if turns != "free":  # along the axis, or any way, the drawing is all there is
-        assert np.linalg.eigvalsh(tie.covariance[:3, :3])[-1] == pytest.approx(9.0, rel=0.02)
-    assert tie.robot_position_mm < 0.6
 
 
 def test_the_mean_of_many_cycles_is_where_the_pose_is() -> None:

@@ -173,23 +173,6 @@ def test_the_order_of_poses_does_not_matter() -> None:
     np.testing.assert_allclose(one.chain.as_array(), other.chain.as_array(), rtol=0.0, atol=1e-5)
 
 
-def test_residuals_are_reported_joint_by_joint() -> None:
-    _, poses = measured(19, robot=ROBOT)
-    positions = poses.positions_mm.copy()
-    positions[3 * 11 : 4 * 11] += np.random.default_rng(1).normal(0.0, 0.3, (11, 3))  # the sweep of joint 4
-    found = identify(replace(poses, positions_mm=positions), KR5_ARC, folds=0)
-    by_joint = []
-    for joint in found.joints:
-        assert joint.residual is not None
-        by_joint.append(joint.residual.position_rms_mm)
-    assert int(np.argmax(by_joint)) == 3
-    assert by_joint[3] > 2.0 * sorted(by_joint)[-2]
-    # Eleven of each sweep, and home, which recurs in the five others.
-    at_home = 16 - int(not found.used[3 * 11 + 5])
-    assert [j.poses for j in found.joints if j.joint != 4] == [at_home] * 5
-    assert all(j.arc_rad > math.radians(79.9) for j in found.joints if j.joint != 4)
-
-
 def test_a_joint_that_hardly_moves_is_remarked_on() -> None:
     rng = np.random.default_rng(20)
     arm = kr5_arc(rng)
