@@ -79,6 +79,7 @@ from core.metrology.qualification import (
     qualify,
 )
 from core.metrology.repeatability import (
+    CLUSTERS,
     FEW_CYCLES,
     MAX_INSTRUMENT_SHARE,
     IntervalEstimate,
@@ -120,6 +121,7 @@ from core.metrology.steadiness import (
 from core.metrology.test_cube import CYCLES, TEST_PLANES, VISITS, TestCube
 
 __all__ = [
+    "CLUSTERS",
     "COMPONENTS",
     "CONFIDENCE",
     "CORRELATED",

@@ -8,11 +8,12 @@ from core.metrology.repeatability.intervals import (
     noise_only_lengths,
 )
 from core.metrology.repeatability.misplaced_visits import MisplacedVisit, find_misplaced_visits
-from core.metrology.repeatability.outliers import Outlier
+from core.metrology.repeatability.outliers import CLUSTERS, Outlier
 from core.metrology.repeatability.statistics import cycle_statistics
 from core.metrology.repeatability.verdict import FEW_CYCLES, MAX_INSTRUMENT_SHARE, Verdict
 
 __all__ = [
+    "CLUSTERS",
     "FEW_CYCLES",
     "MAX_INSTRUMENT_SHARE",
     "IntervalEstimate",

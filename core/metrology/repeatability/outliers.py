@@ -9,7 +9,7 @@ m and scatter S:
 Of cycles on a line this is the test of a single outlier, of all others it is more cautious. The outermost r for which
 it holds are outliers, where in addition they lie `MIN_GAP` times as far out as the others: heavy tails have far cycles,
 but seldom such a gap. So several outliers do not hide one another. Two and more that are over a tenth of the cycles
-are a second cluster: a warning is given.
+are a second cluster: a warning names them, and the pose is not steady.
 
 Reference: B. Rosner, Technometrics 25 (1983) 165-172, 10.1080/00401706.1983.10487848 (several outliers on a line).
 """
@@ -22,12 +22,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import stdtrit
 
-from core.errors import Advisory
+from core.errors import Advisory, listed
 
 MAX_CHANCE = 1e-3
 MIN_GAP = 3.0
 MAX_SHARE = 0.2
 """Of the cycles that are compared with the nearer ones."""
+CLUSTERS = ("position_clusters", "orientation_clusters")
 MIN_CYCLES = 10
 """Below this the scatter of the nearer cycles is too uncertain to judge by."""
 
@@ -102,11 +103,12 @@ def _judge(
     order = np.argsort(-distances, kind="stable")
     count = _count_far(deviations[order], distances[order])
     if count > max(1, len(distances) // 10):
+        named = listed(str(index + 1) for index in sorted(order[:count].tolist()))
         warnings.append(
             Advisory(
                 f"{what}_clusters",
-                f"{count} of {len(distances)} cycles lie more than {MIN_GAP:g} times as far out in {what} as the "
-                "others.",
+                f"{count} of {len(distances)} cycles ({named} in their order) lie more than {MIN_GAP:g} times as far "
+                f"out in {what} as the others. That is no scatter of one process: the verdict is not_steady.",
                 "Look at the scatter: the robot may stop at two places, or two poses may share one tag. A wrong pose "
                 "or cycle of an image can be corrected, and a measurement excluded (PATCH "
                 "/v1/measurements/{measurement_id}, `gridpose measurements correct` and `exclude`).",

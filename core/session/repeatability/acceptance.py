@@ -17,6 +17,7 @@ import numpy as np
 
 from core.metrology import (
     UNCHANGING,
+    UNSTEADY,
     WITHOUT_DEGRADED,
     Acceptance,
     Decision,
@@ -29,6 +30,7 @@ from core.metrology import (
 from core.session.commanded_poses import MOUNT_UNLIKELY, SCALE_MISMATCHES
 from core.session.model import SessionData, natural
 from core.session.repeatability.assessment import SessionRepeatability
+from core.session.repeatability.pose_figures import has_clusters
 from core.session.repeatability.pose_rows import PoseRow, figures_by_itself
 
 UNDETERMINED = "whose accuracy is not determined"
@@ -173,7 +175,10 @@ def _wider(one: Reading, other: Reading) -> Reading:
 
 def _flaw(found: SessionRepeatability, row: PoseRow) -> str | None:
     """Return why a pose's cycles decide nothing; None where they can."""
-    return found.tags.flaw(row.pose_id) or found.steadiness.flaw(row.pose_id)
+    flaw = found.tags.flaw(row.pose_id) or found.steadiness.flaw(row.pose_id)
+    if flaw is None and row.figures is not None and has_clusters(row.figures):
+        return UNSTEADY
+    return flaw
 
 
 def _deviation(found: SessionRepeatability, row: PoseRow | None) -> Reading:

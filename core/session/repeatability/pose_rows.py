@@ -25,6 +25,7 @@ from core.session.camera_mount import moving_poses
 from core.session.estimate import ExcludedMeasurement, SessionEstimate
 from core.session.model import MeasuredPose, SessionData, readings
 from core.session.repeatability.degraded_images import degraded_images, exclude_degraded
+from core.session.repeatability.pose_figures import figures_by_process, has_clusters
 from core.session.repeatability.steadiness import SessionSteadiness, not_steady, session_steadiness
 from core.session.repeatability.stops import BurstNoise, burst_noise, merge_bursts, with_burst_noise
 from core.session.repeatability.visit_tags import VisitTags, visit_tags, without_robot_verdict
@@ -160,15 +161,21 @@ def _rows(
     several = [pose_id for pose_id in visits if visits[pose_id]]
     tags = visit_tags(visits)
     # What differs between focus groups is no motion.
-    steadiness = session_steadiness({p: of_pose for p, of_pose in visits.items() if p not in tags.mixed})
-    assessed = assess_cycles([cycles_of(visits[pose_id]) for pose_id in several], process=steadiness.process)
-    figures = {pose_id: _noise_unknown_said(one) for pose_id, one in zip(several, assessed, strict=True)}
+    steadiness = session_steadiness(
+        {p: of_pose for p, of_pose in visits.items() if p not in tags.mixed},
+        {one.visit.measurement_id for one in tags.mistaken},
+    )
+    found = figures_by_process({p: visits[p] for p in several}, steadiness, tags)
+    figures = {pose_id: _noise_unknown_said(one) for pose_id, one in found.items()}
     figures |= {
         pose_id: without_robot_verdict(figures[pose_id]) for pose_id in several if pose_id in unreliable
     }
     # Where the instrument is known to be the cause, its verdict says more.
+    apart = [pose_id for pose_id in several if has_clusters(figures[pose_id])]
     figures |= {
-        pose_id: not_steady(figures[pose_id]) for pose_id in steadiness.moved if pose_id not in unreliable
+        pose_id: not_steady(figures[pose_id])
+        for pose_id in (*steadiness.moved, *apart)
+        if pose_id not in unreliable
     }
     figures = {pose_id: tags.judged(pose_id, one) for pose_id, one in figures.items()}
     rows = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,28 +70,42 @@ class SessionSteadiness:
         return self.process.effective_cycles(self.longest)
 
 
-def session_steadiness(visits: Mapping[str, Sequence[MeasuredPose]]) -> SessionSteadiness:
+def session_steadiness(
+    visits: Mapping[str, Sequence[MeasuredPose]], mistaken: Collection[str] = ()
+) -> SessionSteadiness:
     """Test the visits of all poses, each in the order of its cycles.
 
     Poses without a visit, or whose readings do not change, are not tested. Poses whose scatter the resolution of the
-    readings hides say nothing of the process.
+    readings hides say nothing of the process, nor do visits of another pose (`mistaken`, by `measurement_id`).
     """
     every = {pose_id: _series(found) for pose_id, found in visits.items() if found}
     chosen = {pose_id: one for pose_id, one in every.items() if not are_unchanging(one.positions_mm)}
     series = list(chosen.values())
     found = assess_steadiness(series)
-    usable = [
-        one
-        for one in series
-        if len(one.positions_mm) >= MIN_INTERVAL_CYCLES and not hides_scatter(one.positions_mm)
-    ]
-    process = estimate_process(
-        [_equal_deviations(one) for one in usable],
-        [one.cycles for one in usable],
-        found.p_values is not None and found.p_values.autocorrelation <= CORRELATED,
-    )
+    is_correlated = found.p_values is not None and found.p_values.autocorrelation <= CORRELATED
+    process = _process([visits[pose_id] for pose_id in chosen], mistaken, is_correlated=is_correlated)
     longest = max((len(one.positions_mm) for one in series), default=0)
     return SessionSteadiness(tuple(chosen), found, process, longest)
+
+
+def process_without(
+    steadiness: SessionSteadiness, visits: Mapping[str, Sequence[MeasuredPose]], left_out: Collection[str]
+) -> CycleProcess:
+    """Return the process of a session's cycles without those of these measurements."""
+    p_values = steadiness.found.p_values
+    is_correlated = p_values is not None and p_values.autocorrelation <= CORRELATED
+    return _process([visits[name] for name in steadiness.pose_ids], left_out, is_correlated=is_correlated)
+
+
+def _process(
+    poses: Sequence[Sequence[MeasuredPose]], left_out: Collection[str], *, is_correlated: bool
+) -> CycleProcess:
+    kept = [[visit for visit in of_pose if visit.measurement_id not in left_out] for of_pose in poses]
+    series = [_series(of_pose) for of_pose in kept if len(of_pose) >= MIN_INTERVAL_CYCLES]
+    usable = [one for one in series if not hides_scatter(one.positions_mm)]
+    return estimate_process(
+        [_equal_deviations(one) for one in usable], [one.cycles for one in usable], is_correlated
+    )
 
 
 def equal_deviations(visits: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 3"]:
