@@ -7,6 +7,7 @@ nothing is accepted where
   it is the same in all cycles; that of another group displaces its cycles. Deviations from the mean of each group would
   be free of it, but also of what the robot moved between the groups, which are mostly one after the other;
 - visits share pose and cycle: images of one stop are no independent cycles;
+- visits are copies: of one image, or equal to the last digit where readings are not rounded to a step;
 - a visit lies at another pose (`core.metrology.find_misplaced_visits`).
 """
 
@@ -23,7 +24,9 @@ from core.metrology import (
     PerComponent,
     PoseRepeatability,
     Verdict,
+    are_unchanging,
     find_misplaced_visits,
+    find_resolution,
 )
 from core.session.model import MeasuredPose, natural
 from core.session.repeatability.steadiness import not_steady
@@ -31,6 +34,7 @@ from core.session.visits import positions_of
 
 MIXED_FOCUS = "seen in several focus groups"
 MISPLACED = "with a visit that lies at another pose"
+COPIED = "with copies of visits"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,18 +49,22 @@ class MistakenVisit:
 @dataclass(frozen=True, slots=True)
 class VisitTags:
     """By pose: the focus groups where there are several, and the cycles that have several visits; and the visits that
-    lie at another pose. `counts` are the visits and the different cycles of each pose that has repeated ones.
+    lie at another pose. `counts` are the visits and the different ones of each pose that has repeated cycles or copies
+    within it; `copied` are the poses with a visit that another one, of whatever pose, is a copy of.
     """
 
     mixed: Mapping[str, tuple[str, ...]]
     repeated: Mapping[str, tuple[int, ...]]
     counts: Mapping[str, tuple[int, int]]
     mistaken: tuple[MistakenVisit, ...]
+    copied: tuple[str, ...]
 
     def flaw(self, pose_id: str) -> str | None:
         """Return why a pose's visits decide nothing; None where their tags do not speak against it."""
         if pose_id in self.repeated:
             return REPEATED
+        if pose_id in self.copied:
+            return COPIED
         if pose_id in self.mixed:
             return MIXED_FOCUS
         return MISPLACED if any(one.visit.pose_id == pose_id for one in self.mistaken) else None
@@ -64,7 +72,7 @@ class VisitTags:
     def judged(self, pose_id: str, figures: PoseRepeatability) -> PoseRepeatability:
         """Return a pose's figures with the verdict that the tags of its visits leave."""
         flaw = self.flaw(pose_id)
-        if flaw == REPEATED:
+        if flaw in (REPEATED, COPIED) and pose_id in self.counts:
             if self.counts[pose_id][1] < FEW_CYCLES:
                 return _too_few_cycles(figures)
             return not_steady(figures)
@@ -83,6 +91,9 @@ def visit_tags(visits: Mapping[str, Sequence[MeasuredPose]]) -> VisitTags:
         if several:
             repeated[pose_id] = several
             counts[pose_id] = len(of_pose), len(of_pose) - sum(times[cycle] - 1 for cycle in several)
+    copied, different = _copies(visits)
+    for pose_id, count in different.items():
+        counts[pose_id] = len(visits[pose_id]), min(counts.get(pose_id, (0, count))[1], count)
     named = [pose_id for pose_id, of_pose in visits.items() if of_pose]
     found = find_misplaced_visits(
         [positions_of(visits[pose_id]) for pose_id in named], [visits[pose_id][0].frame for pose_id in named]
@@ -91,7 +102,35 @@ def visit_tags(visits: Mapping[str, Sequence[MeasuredPose]]) -> VisitTags:
         MistakenVisit(visits[named[one.pose]][one.visit], named[one.likely_pose], one.distance_mm)
         for one in found
     )
-    return VisitTags(mixed, repeated, counts, mistaken)
+    return VisitTags(mixed, repeated, counts, mistaken, copied)
+
+
+def _copies(visits: Mapping[str, Sequence[MeasuredPose]]) -> tuple[tuple[str, ...], dict[str, int]]:
+    """Return the poses with copied visits, and how many different visits those with copies within them have."""
+    contents = {pose_id: _contents(of_pose) for pose_id, of_pose in visits.items()}
+    times = Counter(content for found in contents.values() for content in found)
+    copied = tuple(p for p, found in contents.items() if any(times[one] > 1 for one in found))
+    return copied, {p: len(set(contents[p])) for p in copied if len(set(contents[p])) < len(contents[p])}
+
+
+def _contents(visits: Sequence[MeasuredPose]) -> list[object]:
+    """Return what any two visits share only if one is a copy: their images, or all digits of a reading.
+
+    Readings that do not change, or of a coarse display, tie by themselves, and are judged as such.
+    """
+    if visits and visits[0].image is None and len(visits) > 1:
+        positions = positions_of(visits)
+        if are_unchanging(positions) or find_resolution(positions) is not None:
+            return []
+    return [_content(visit) for visit in visits]
+
+
+def _content(visit: MeasuredPose) -> object:
+    if visit.image is not None:
+        images = {one.image.image for one in visit.burst or (visit,) if one.image is not None}
+        return visit.frame, frozenset(images)
+    rotation = b"" if visit.rotation is None else visit.rotation.tobytes()
+    return visit.frame, visit.position_mm.tobytes(), rotation
 
 
 def tag_warnings(tags: VisitTags) -> list[Advisory]:
@@ -122,6 +161,17 @@ def tag_warnings(tags: VisitTags) -> list[Advisory]:
                 "repeatability and drift of these poses, whose verdict is not robot. Nothing is decided by them.",
                 "Take all cycles of a pose in one focus group. Or put the images of each group into a session of their "
                 "own, and look at its figures by themselves.",
+            )
+        )
+    if tags.copied:
+        warnings.append(
+            Advisory(
+                "visits_copied",
+                f"{_poses(tags.copied)}: visits are copies, of one image or equal to the last digit, and each was "
+                "taken for a visit of its own. Intervals are too narrow: nothing was measured again. The verdict robot "
+                "is withheld, and nothing is decided by these poses.",
+                "Exclude or delete the copies, and look at what wrote them: a folder that was uploaded twice, or a "
+                "script that read the instrument before it had measured.",
             )
         )
     if tags.repeated:

@@ -154,3 +154,59 @@ def test_a_steady_session_has_no_such_warnings() -> None:
         found
     )
     assert set(verdicts(found)) == {Verdict.ROBOT}
+
+
+def _copied(data: SessionData, times: int) -> SessionData:
+    """Every reading several times, under cycles of their own."""
+    n = max(one.cycle or 0 for one in data.measured)
+    measured = [
+        replace(one, measurement_id=f"{one.measurement_id}-{k}", cycle=(one.cycle or 0) + k * n)
+        for k in range(times)
+        for one in data.measured
+    ]
+    return replace(data, measured=tuple(measured))
+
+
+def test_copies_of_readings_are_no_cycles() -> None:
+    data = _copied(steady(11, 10), 3)
+    found = assess_repeatability(data)
+    assert "visits_copied" in codes(found)
+    assert verdicts(found) == [Verdict.NOT_STEADY] * 5
+    assert decision(data, found) is Decision.INCONCLUSIVE
+    few = assess_repeatability(_copied(steady(11, 5), 6))
+    assert verdicts(few) == [Verdict.TOO_FEW_CYCLES] * 5  # of thirty visits, five are different
+
+
+def test_a_pose_that_is_the_copy_of_another_is_named() -> None:
+    data = steady(12)
+    others = [one for one in data.measured if one.pose_id != "P2"]
+    copy = [
+        replace(one, pose_id="P2", measurement_id=f"{one.measurement_id}-2")
+        for one in data.measured
+        if one.pose_id == "P1"
+    ]
+    found = assess_repeatability(replace(data, measured=tuple(others + copy)))
+    assert found.tags.copied == ("P1", "P2")
+    robots = [row.pose_id for row in found.poses if row.figures and row.figures.verdict is Verdict.ROBOT]
+    assert robots == ["P3", "P4", "P5"]
+
+
+def test_one_image_under_two_cycles_is_a_copy() -> None:
+    def seen(cycle: int, image: str) -> MeasuredPose:
+        one = steady(14, 3).measured[0]
+        observation = ImageObservation(f"m{cycle}", "P1", cycle, image, 0, "", None, 9, 9)
+        return replace(one, measurement_id=f"m{cycle}", cycle=cycle, image=observation)
+
+    assert visit_tags({"P1": [seen(1, "a"), seen(2, "b")]}).copied == ()
+    tags = visit_tags({"P1": [seen(1, "a"), seen(2, "a"), seen(3, "b")]})
+    assert tags.copied == ("P1",)
+    assert tags.counts == {"P1": (3, 2)}
+
+
+@pytest.mark.parametrize("step_mm", [0.01, 0.05])
+def test_readings_of_a_coarse_display_are_no_copies(step_mm: float) -> None:
+    data = steady(13)
+    measured = (
+        replace(one, position_mm=np.round(one.position_mm / step_mm) * step_mm) for one in data.measured
+    )
+    assert "visits_copied" not in codes(assess_repeatability(replace(data, measured=tuple(measured))))
