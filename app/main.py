@@ -66,7 +66,7 @@ def create_app(settings: Settings) -> FastAPI:
 
     Nothing is opened, made or started before the application's lifespan begins, so that its OpenAPI document can be
     had without a data folder. `app.state.begin_shutdown()` may be called when the process is asked to end, before the
-    server waits for open connections.
+    server waits for open connections; not from a signal handler, since it takes locks.
     """
     metrics = Metrics()
 

@@ -57,12 +57,14 @@ class HttpServer(uvicorn.Server):
         return await super().on_tick(counter) or self.gave_up
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Report the shutdown to the supervisor, then shut down."""
+        """Report the shutdown to the supervisor, let the application begin it, then shut down."""
         self._supervisor.stopping()
+        self._app.state.begin_shutdown()
         await super().shutdown(sockets)
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        begin_shutdown = getattr(self._app.state, "begin_shutdown", None)
-        if begin_shutdown is not None:
-            begin_shutdown()
+        """Note a signal; the event loop shuts down at its next tick. A second Ctrl-C waits for nothing any more.
+
+        No more than that: a signal handler interrupts code that may hold the very locks that the shutdown takes.
+        """
         super().handle_exit(sig, frame)

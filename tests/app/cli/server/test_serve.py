@@ -8,13 +8,16 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
 from app.cli.server.serve import listen
+from app.cli.server.http_server import HttpServer
 from app.cli.server.worker import StopRequested
 from app.settings import Settings
+from tests.support.service.service import wait_until
 
 
 def test_answers_do_not_wait_for_delayed_acknowledgements() -> None:
@@ -73,3 +76,23 @@ def test_a_worker_is_stopped_by_a_signal_that_takes_no_lock() -> None:
         assert stop
     finally:
         signal.signal(signal.SIGTERM, former)
+
+
+def test_a_server_notes_a_signal_without_a_lock_and_shuts_down_in_its_loop(empty_data_dir: Path) -> None:
+    """A second SIGTERM may interrupt the shutdown where it holds the locks that the first one took."""
+    settings = Settings(data_dir=empty_data_dir, workers=0, disk_floor_bytes=0, port=0)
+    server, listener = HttpServer(settings), listen(settings)
+    running = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+    running.start()
+    wait_until(lambda: server.started or not running.is_alive(), 60.0, "the server listens")
+    service = server._app.state.service
+    handler = threading.Thread(target=server.handle_exit, args=(signal.SIGTERM, None), daemon=True)
+    with service.delivery._sending._wake._cond:
+        handler.start()
+        handler.join(10.0)
+        interrupted = handler.is_alive()
+    running.join(60.0)
+    assert not interrupted, "a signal handler waits for a lock"
+    assert not running.is_alive()
+    assert service.stopping
+    assert not server.force_exit
