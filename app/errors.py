@@ -30,7 +30,7 @@ OperationRefused                   code, detail, advice
 │                                  database_pooled, bucket_missing, bucket_refused, bucket_unreachable,
 │                                  bucket_not_conditional
 ├── BackupRefused                  backup_folder_in_use, backup_folder_unusable, backup_in_data_folder, backup_foreign,
-│                                  backup_incomplete, backup_damaged, database_damaged,
+│                                  backup_newer, backup_incomplete, backup_damaged, database_damaged,
 │                                  backup_too_new, restore_not_empty, service_running, no_room,
 │                                  nothing_to_move, copy_differs
 └── ArchiveRefused                 archive_damaged, archive_too_new, archive_conflict, archive_foreign,

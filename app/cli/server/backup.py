@@ -28,6 +28,10 @@ def back_up(
         typer.Argument(metavar="DIR", help="A new folder, or that of an earlier backup, which is updated."),
     ],
     data_dir: DataDir = None,
+    replace_newer: Annotated[
+        bool,
+        typer.Option("--replace-newer", help="Replace a backup that holds changes this installation lacks."),
+    ] = False,
 ) -> int:
     """Copy database, originals and pepper, all of one moment, while the service runs.
 
@@ -40,7 +44,7 @@ def back_up(
     with data_failures(settings):
         installation = ServiceContext.open(settings, init=False, migrate=False)
         try:
-            report = make_backup(installation, folder)
+            report = make_backup(installation, folder, replace_newer=replace_newer)
         finally:
             installation.close()
     manifest = report.manifest

@@ -41,6 +41,7 @@ from app.services.backup.manifest import (
     pepper_name,
     write_manifest,
 )
+from app.services.backup.succession import require_succession
 from app.services.installation.context import ServiceContext
 
 _OF_WRITING = {errno.ENOSPC, errno.EROFS, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
@@ -58,17 +59,17 @@ class Report:
     copied_bytes: int
 
 
-def make_backup(installation: ServiceContext, folder: Path) -> Report:
+def make_backup(installation: ServiceContext, folder: Path, *, replace_newer: bool = False) -> Report:
     """Bring `folder` up to the present moment of the installation, while it is used.
 
-    Raises BackupRefused where the folder is not for this, in use, cannot be used or has too little room, and where the
-    database is damaged.
+    Raises BackupRefused where the folder is not for this, in use, cannot be used or has too little room, where its
+    backup holds what the installation lacks (unless `replace_newer`), and where the database is damaged.
     """
     data_dir = installation.settings.data_dir
     _refuse_data_folder(data_dir, folder)
     try:
         with _folder_failures(data_dir, folder):
-            return _made(installation, folder)
+            return _made(installation, folder, replace_newer=replace_newer)
     except ServiceError as error:
         if error.code != "database_damaged":
             raise
@@ -81,7 +82,7 @@ def make_backup(installation: ServiceContext, folder: Path) -> Report:
         ) from error
 
 
-def _made(installation: ServiceContext, folder: Path) -> Report:
+def _made(installation: ServiceContext, folder: Path, *, replace_newer: bool) -> Report:
     with installation.database.read() as records:
         row = records.get_one(InstallationRow, 1)
     claim_folder(folder, row.id)
@@ -93,6 +94,8 @@ def _made(installation: ServiceContext, folder: Path) -> Report:
             "backup_folder_in_use", f"Another backup to {folder} is being made.", "Wait for its end."
         ) from error
     try:
+        if not replace_newer:
+            require_succession(installation.database, folder)
         report = _Making(installation, row.id, folder).run()
         note_backup(installation.settings.data_dir, report.manifest, folder)
         return report

@@ -53,6 +53,47 @@ def test_a_folder_of_something_else_is_left_alone(api: Any, open_api: Any, tmp_p
         assert refused(lambda: make_backup(api.installation, tmp_path / "backup")) == "backup_folder_in_use"
 
 
+def test_an_older_copy_of_the_installation_leaves_the_newer_backup_alone(api: Any, tmp_path: Path) -> None:
+    folder, session = tmp_path / "backup", api.make_session()
+    upload(api, session, 1)
+    make_backup(api.installation, folder)
+    settings = Settings(data_dir=tmp_path / "drill", workers=0)
+    restore_backup(folder, settings)
+    drill = ServiceContext.open(settings, init=False)
+    make_backup(drill, folder)  # whoever restored the latest backup goes on with it
+    upload(api, session, 2)
+    newer = make_backup(api.installation, folder).manifest
+    files = sorted(path for path in folder.rglob("*"))
+    assert refused(lambda: make_backup(drill, folder)) == "backup_newer"
+    assert sorted(path for path in folder.rglob("*")) == files
+    assert read_manifest(folder) == newer
+    assert make_backup(drill, folder, replace_newer=True).manifest.originals == 1
+    drill.close()
+    assert make_backup(api.installation, folder).manifest.originals == 2
+
+
+def test_a_copy_that_went_another_way_leaves_the_backup_alone(api: Any, tmp_path: Path) -> None:
+    folder = tmp_path / "backup"
+    session = api.make_session()
+    upload(api, session, 1)
+    make_backup(api.installation, folder)
+    settings = Settings(data_dir=tmp_path / "copy", workers=0)
+    restore_backup(folder, settings, revoke_keys=True)
+    copy = ServiceContext.open(settings, init=False)
+    make_backup(copy, folder)
+    copy.close()
+    upload(api, session, 2)
+    assert refused(lambda: make_backup(api.installation, folder)) == "backup_newer"
+
+
+def test_a_damaged_backup_may_be_replaced(api: Any, tmp_path: Path) -> None:
+    folder = tmp_path / "backup"
+    for damaged in ("database", "manifest"):
+        name = make_backup(api.installation, folder).manifest.database
+        (folder / (name if damaged == "database" else "manifest.json")).write_bytes(b"no such thing" * 100)
+        make_backup(api.installation, folder)
+
+
 def test_an_interrupted_backup_leaves_the_earlier_one_whole(
     api: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
