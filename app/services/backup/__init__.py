@@ -10,11 +10,12 @@ key-pepper-*          what the keys are hashed with: a backup is as confidential
 from app.services.backup.damage import damage_advice
 from app.services.backup.latest import LatestBackup, read_latest_backup
 from app.services.backup.making import Report, make_backup
-from app.services.backup.manifest import Manifest, read_manifest
+from app.services.backup.manifest import MANIFEST, Manifest, read_manifest
 from app.services.backup.moving import move_installation
 from app.services.backup.restoring import restore_backup
 
 __all__ = [
+    "MANIFEST",
     "LatestBackup",
     "Manifest",
     "Report",

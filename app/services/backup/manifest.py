@@ -14,7 +14,7 @@ from app.records.privacy import OF_THE_FILE_SYSTEM
 
 FORMAT = 1
 _CHUNK = 1024 * 1024
-_MANIFEST, _OWNER = "manifest.json", "backup-of.json"
+MANIFEST, _OWNER = "manifest.json", "backup-of.json"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,12 +46,12 @@ class Manifest:
 def read_manifest(folder: Path) -> Manifest | None:
     """Return the folder's complete backup, or None without one. Raises BackupRefused if it is not readable."""
     try:
-        document = json.loads((folder / _MANIFEST).read_text(encoding="utf-8"))
+        document = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
     except FileNotFoundError:
         return None
     except ValueError as error:
         raise BackupRefused(
-            "backup_damaged", f"{folder / _MANIFEST} cannot be read.", "Use another backup."
+            "backup_damaged", f"{folder / MANIFEST} cannot be read.", "Use another backup."
         ) from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise BackupRefused(
@@ -62,14 +62,14 @@ def read_manifest(folder: Path) -> Manifest | None:
     names = {field.name for field in fields(Manifest)}
     if set(document) != names:
         raise BackupRefused(
-            "backup_damaged", f"{folder / _MANIFEST} is not a manifest.", "Use another backup."
+            "backup_damaged", f"{folder / MANIFEST} is not a manifest.", "Use another backup."
         )
     return Manifest(**document)
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Make a backup complete."""
-    write_durably(folder / _MANIFEST, (json.dumps(asdict(manifest), indent=1) + "\n").encode())
+    write_durably(folder / MANIFEST, (json.dumps(asdict(manifest), indent=1) + "\n").encode())
 
 
 def pepper_name(sha256: str) -> str:

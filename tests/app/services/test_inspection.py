@@ -50,8 +50,10 @@ def test_a_backup_is_noted_with_its_moment_and_folder(api: Any, tmp_path: Path) 
     ("change", "state"),
     [
         ({"created_at": "2020-01-01T00:00:00+00:00"}, State.warning),
+        ({}, State.ok),
         ({"lacking": 3}, State.warning),
-        ({"folder": "/nowhere/to/be/seen"}, State.ok),
+        ({"folder": "/nowhere/to/be/seen"}, State.warning),
+        ({"created_at": "2999-01-01T00:00:00+00:00"}, State.warning),
     ],
 )
 def test_an_old_or_incomplete_backup_is_reported(
@@ -59,9 +61,18 @@ def test_an_old_or_incomplete_backup_is_reported(
 ) -> None:
     make_backup(api.installation, tmp_path / "copy")
     note = api.installation.settings.data_dir / FILE_NAME
-    document = {**json.loads(note.read_text()), "folder": "/nowhere", **change}
-    note.write_text(json.dumps(document))
-    assert max(one.value for one, _ in found(api)) == state.value
+    note.write_text(json.dumps({**json.loads(note.read_text()), **change}))
+    on_same_disk = (State.warning, "it is on the disk of the data folder, and is lost with it")
+    assert max(one.value for one, detail in found(api) if (one, detail) != on_same_disk) == state.value
+
+
+def test_a_folder_that_is_empty_because_its_disk_is_not_mounted_holds_no_backup(
+    api: Any, tmp_path: Path
+) -> None:
+    make_backup(api.installation, tmp_path / "disk")
+    (tmp_path / "disk").rename(tmp_path / "elsewhere")
+    (tmp_path / "disk").mkdir()
+    assert "is its disk mounted?" in found(api)[0][1]
 
 
 def test_a_note_that_cannot_be_read_is_no_missing_backup(api: Any) -> None:

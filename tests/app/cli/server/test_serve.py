@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from app.cli.server.serve import listen
 from app.cli.server.http_server import HttpServer
+from app.cli.server.serve import listen
 from app.cli.server.worker import StopRequested
 from app.settings import Settings
 from tests.support.service.service import wait_until
