@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import errno
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,6 +43,10 @@ def failed(detail: str, advice: str) -> CheckResult:
 def unusable(error: OSError, place: Path) -> CheckResult:
     """Say which file or folder the system refused; `place` where the error names none."""
     path = error.filename or place
+    if error.errno == errno.EROFS:
+        return failed(
+            f"{path} is on a read-only disk", "`dmesg` has the reason; copy what is there off that disk."
+        )
     return failed(
         f"{path} cannot be used: {error.strerror or error}",
         f"Give it to the user that the service runs as: chown -R USER {path}. Check that its disk is mounted.",

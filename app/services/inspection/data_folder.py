@@ -39,6 +39,10 @@ def check(settings: Settings) -> Iterator[CheckResult]:
     if not folder.is_dir():
         yield failed("is not a folder", "Choose another with --data-dir or GRIDPOSE_DATA_DIR.")
         return
+    if files.is_read_only(folder):
+        # Every check of permissions would find the same, and advise what cannot be done there.
+        yield files.read_only(folder)
+        return
     yield _writable(folder)
     yield from files.check(folder)
     if os.name == "posix":

@@ -18,6 +18,7 @@ from app.records.migrations import current_revision, head_revision, known_revisi
 from app.records.readable import Unreadable
 from app.records.tables import ApiKey, Measurement, Table
 from app.services.backup import damage_advice
+from app.services.inspection import files
 from app.services.inspection.check_result import CheckResult, failed, ok, warn
 from app.services.installation.backends import clock_skew, require_clock, require_direct
 from app.settings import Settings
@@ -39,6 +40,9 @@ def check(settings: Settings, *, whole: bool = True, deep: bool = False) -> Iter
     url = sa.make_url(settings.effective_database_url)
     if url.get_backend_name() == "sqlite" and not (settings.data_dir / "gridpose.sqlite3").exists():
         yield ok("does not exist yet; the first start creates it")
+        return
+    if url.get_backend_name() == "sqlite" and files.is_read_only(settings.data_dir):
+        yield warn("not checked: its disk is read-only", "See the checks of the data folder.")
         return
     database = Database(settings.effective_database_url)
     try:

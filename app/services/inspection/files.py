@@ -1,4 +1,4 @@
-"""Checks of the files in the data folder: this user may use each that the service needs, and its owner is right."""
+"""Checks of the files in the data folder: their disk is writable, this user may use them, their owner is right."""
 
 from __future__ import annotations
 
@@ -44,6 +44,22 @@ def check(folder: Path) -> Iterator[CheckResult]:
         )
     if not refused and not foreign:
         yield ok("holds no file that is closed to this user")
+
+
+def is_read_only(folder: Path) -> bool:
+    """Return whether the folder's file system is mounted read-only, whoever asks and whoever owns the files."""
+    if sys.platform == "win32":
+        return False
+    return bool(os.statvfs(folder).f_flag & os.ST_RDONLY)
+
+
+def read_only(folder: Path) -> CheckResult:
+    """Say that nothing can be stored, and that what is there is to be brought to another disk."""
+    return failed(
+        "is on a file system that is mounted read-only: nothing can be stored",
+        "The system does that to a disk that fails: `dmesg` has the reason. Stop the service, copy the folder off now "
+        f'(`cp -a {folder} /OTHER/DISK`), and see docs/operations.md, "A read-only disk".',
+    )
 
 
 def _entries(folder: Path) -> Iterator[tuple[Path, int]]:

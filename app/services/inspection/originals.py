@@ -18,6 +18,7 @@ from app.blobs.local import LocalBlobs
 from app.records.database import Database
 from app.records.migrations import current_revision, head_revision
 from app.records.tables import Measurement
+from app.services.inspection import files
 from app.services.inspection.check_result import CheckResult, failed, ok, warn
 from app.services.maintenance.orphans import GRACE_S
 from app.services.originals import hashes_in, in_pages
@@ -49,6 +50,9 @@ class _Scan:
 def check(settings: Settings, progress: Progress) -> Iterator[CheckResult]:
     """Hash every original and compare files with rows."""
     root = settings.data_dir / "originals"
+    if root.is_dir() and files.is_read_only(root):
+        yield warn("not checked: their disk is read-only", "See the checks of the data folder.")
+        return
     database = Database(settings.effective_database_url)
     try:
         if not root.is_dir() or current_revision(database) != head_revision():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -95,3 +96,20 @@ def test_the_system_page_shows_what_was_found_and_what_to_do(api: Any) -> None:
     quick = inspect_quickly(api.installation.settings)
     assert set(quick) == {"Data folder", "Database", "Backups"}
     assert not any(one.state is State.failed for part in quick.values() for one in part)
+
+
+def test_a_read_only_disk_is_one_failure_that_says_how_to_save_the_data(
+    api: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = os.statvfs
+
+    def read_only(path: Any) -> os.statvfs_result:
+        values = list(real(path))
+        values[8] |= os.ST_RDONLY
+        return os.statvfs_result(values)
+
+    monkeypatch.setattr(os, "statvfs", read_only)
+    results = [one for part in inspect_quickly(api.installation.settings).values() for one in part]
+    (failure,) = [one for one in results if one.state is State.failed]
+    assert "cp -a" in (failure.advice or "")
+    assert not any("chown" in (one.advice or "") for one in results)
