@@ -34,7 +34,8 @@ OperationRefused                   code, detail, advice
 │                                  backup_too_new, restore_not_empty, service_running, no_room,
 │                                  nothing_to_move, copy_differs
 └── ArchiveRefused                 archive_damaged, archive_too_new, archive_conflict, archive_foreign,
-                                   archive_exists, session_unfinished, session_present, no_room
+                                   archive_exists, archive_unwritable, session_ambiguous, session_unfinished,
+                                   session_present, no_room
 
 docs/errors.md lists every code with its cause and remedy.
 """

@@ -105,13 +105,33 @@ def data_failures(settings: Settings) -> Iterator[None]:
     except OSError as error:
         if error.errno == errno.ENOSPC:
             _fail_if_full(settings)
+        _fail_elsewhere(settings, error)
         place = error.filename or settings.data_dir
+        if error.errno == errno.EROFS:
+            fail(
+                f"The data folder {settings.data_dir} is on a disk that is read-only. {place}: {error.strerror}.",
+                "Run `gridpose doctor`: it says how to save the data, and `dmesg` why the disk is read-only.",
+            )
         fail(
             f"The data folder {settings.data_dir} cannot be used. {place}: {error.strerror or error}.",
             f"Allow this user to read and write it: `chown -R USER {settings.data_dir}`, with USER the service's. "
             "Check that its disk is mounted and writable. Or choose another folder with --data-dir or "
             "GRIDPOSE_DATA_DIR.",
         )
+
+
+def _fail_elsewhere(settings: Settings, error: OSError) -> None:
+    """End the command where the system refused a file that the data folder has nothing to do with."""
+    if not isinstance(error.filename, str | bytes):
+        return
+    named = Path(os.fsdecode(error.filename)).absolute()
+    data_dir = settings.data_dir.absolute()
+    if named.is_relative_to(data_dir) or data_dir.is_relative_to(named):
+        return
+    fail(
+        f"{named} cannot be used: {error.strerror or error}.",
+        "Check that it is there, that this user may use it, and that its disk is mounted, writable and has room.",
+    )
 
 
 def _fail_damaged(settings: Settings) -> NoReturn:

@@ -18,7 +18,7 @@ _MAX_LISTED = 20
 
 
 def archive(
-    session: Annotated[str, typer.Argument(metavar="SESSION", help="The id of the session.")],
+    session: Annotated[str, typer.Argument(metavar="SESSION", help="Id or name of the session.")],
     file: Annotated[
         Path,
         typer.Argument(metavar="FILE", help="A new file; its name should end in .tar.gz.", dir_okay=False),

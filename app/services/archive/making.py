@@ -28,8 +28,11 @@ from app.services.archive.container import PIECE, ArchiveWriter
 from app.services.archive.manifest import ArchivedFile, ArchiveManifest
 from app.services.archive.rows import OF_SESSION, archived_rows, encode_row
 from app.services.installation.context import ServiceContext
+from app.services.installation.outputs import output_failures
 from app.services.reports import read_form, read_signature
 
+_NAMED = 5
+"""Ids that a message lists."""
 _EXTENSIONS = {"jpeg": "jpg", "tiff": "tiff", "png": "png", "bmp": "bmp"}
 
 
@@ -43,19 +46,54 @@ class Archived:
 
 
 def archive_session(
-    installation: ServiceContext, session_id: str, path: Path, *, replace: bool = False
+    installation: ServiceContext, session: str, path: Path, *, replace: bool = False
 ) -> Archived:
-    """Write a session with everything in it to a new file, whole or not at all; `replace` permits one that is there.
+    """Write a session, given by id or name, with everything in it to a new file, whole or not at all.
 
-    Raises NotFound, RowUnreadable, and ArchiveRefused where the session is not finished or the file is there.
+    `replace` permits a file that is there. Raises NotFound, RowUnreadable, and ArchiveRefused where several sessions
+    have the name, the session is not finished, or the file is there or cannot be written.
     """
+    with output_failures(installation.settings.data_dir, partial(_unwritable, path)):
+        return _archived(installation, _session_id(installation, session), path, replace=replace)
+
+
+def _session_id(installation: ServiceContext, session: str) -> str:
+    """Return the id of the session with this id or name, as the commands on the service take either."""
+    with installation.database.read() as records:
+        if is_id(session) and records.get(Session, session) is not None:
+            return session
+        named = records.scalars(
+            sa.select(Session.id).where(Session.name == session).order_by(Session.id).limit(_NAMED + 1)
+        ).all()
+    if not named:
+        raise NotFound.of("session")
+    if len(named) > 1:
+        raise ArchiveRefused(
+            "session_ambiguous",
+            f"Several sessions have the name {session!r}: {', '.join(named[:_NAMED])}"
+            f"{' and more' if len(named) > _NAMED else ''}.",
+            "Give the id; `gridpose sessions list` shows them.",
+        )
+    return named[0]
+
+
+def _unwritable(path: Path, _named: Path | None, reason: str) -> ArchiveRefused:
+    return ArchiveRefused(
+        "archive_unwritable",
+        f"The archive {path} cannot be written: {reason}.",
+        f"Check that {path.absolute().parent} is there, that this user may write to it, and that its disk is mounted, "
+        "writable and has room; or name a file on another disk.",
+    )
+
+
+def _archived(installation: ServiceContext, session_id: str, path: Path, *, replace: bool) -> Archived:
     if path.exists() and not replace:
         raise ArchiveRefused(
             "archive_exists", f"{path} is there already.", "Name another file, or replace it with --replace."
         )
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
-        with unfinished.open("xb") as file, _Archive(installation, session_id) as archive:
+        with unfinished.open("xb") as file, _Archive(installation, session_id, path.parent) as archive:
             archived = archive.write(file)
             file.flush()
             os.fsync(file.fileno())
@@ -68,10 +106,14 @@ def archive_session(
 
 
 class _Archive:
-    """A session read from its installation; temporary files hold rows and reports until the manifest is known."""
+    """A session read from its installation; temporary files hold rows until the manifest is known.
 
-    def __init__(self, installation: ServiceContext, session_id: str) -> None:
+    They lie in the archive's folder, whose disk is the only one that this writes to.
+    """
+
+    def __init__(self, installation: ServiceContext, session_id: str, folder: Path) -> None:
         self._installation = installation
+        self._folder = folder
         self._session_id = session_id
         self._held = ExitStack()
         self._files: list[tuple[ArchivedFile, Callable[[], Iterator[bytes]]]] = []
@@ -123,12 +165,10 @@ class _Archive:
         self.fingerprint = fingerprint_of(key)
 
     def _require_finished(self, connection: sa.Connection) -> Any:
-        session = None
-        if is_id(self._session_id):
-            session = connection.execute(
-                sa.select(Session.id, Session.name).where(Session.id == self._session_id)
-            ).one_or_none()
-        if session is None:
+        session = connection.execute(
+            sa.select(Session.id, Session.name).where(Session.id == self._session_id)
+        ).one_or_none()
+        if session is None:  # deleted meanwhile
             raise NotFound.of("session")
         pending = connection.scalar(
             sa.select(sa.func.count()).where(
@@ -144,7 +184,8 @@ class _Archive:
         return session
 
     def _read_rows(self, connection: sa.Connection, table: type[Table]) -> None:
-        content = self._held.enter_context(tempfile.SpooledTemporaryFile(max_size=PIECE))  # noqa: SIM115
+        spooled = tempfile.SpooledTemporaryFile(max_size=PIECE, dir=self._folder)  # noqa: SIM115
+        content = self._held.enter_context(spooled)
         digest, size, count = hashlib.sha256(), 0, 0
         for row in archived_rows(connection, table, self._session_id):
             line = encode_row(table, row)

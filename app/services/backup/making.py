@@ -7,14 +7,11 @@ again. The earlier backup stays whole until the manifest of the new one takes it
 
 from __future__ import annotations
 
-import errno
 import hashlib
-import os
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import sqlalchemy as sa
@@ -23,7 +20,7 @@ from app.blobs import LocalBlobs
 from app.blobs.durable import sync_folder, write_durably
 from app.blobs.local import original_path
 from app.build import core_version
-from app.errors import BackupRefused, OriginalCorrupt, OriginalMissing, ServiceError
+from app.errors import BackupRefused, OriginalCorrupt, OriginalMissing, ServiceError, StorageFull
 from app.records import migrations
 from app.records.database import Database
 from app.records.file_lock import AlreadyLocked, FileLock
@@ -43,9 +40,8 @@ from app.services.backup.manifest import (
 )
 from app.services.backup.succession import require_succession
 from app.services.installation.context import ServiceContext
+from app.services.installation.outputs import output_failures
 
-_OF_WRITING = {errno.ENOSPC, errno.EROFS, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
-"""What a write alone is refused with, which names no file: a backup writes to its own folder."""
 _MOMENTS = 3
 """Moments tried before originals that were deleted during the backup are given up."""
 
@@ -68,7 +64,7 @@ def make_backup(installation: ServiceContext, folder: Path, *, replace_newer: bo
     data_dir = installation.settings.data_dir
     _refuse_data_folder(data_dir, folder)
     try:
-        with _folder_failures(data_dir, folder):
+        with output_failures(data_dir, partial(_unusable, folder)):
             return _made(installation, folder, replace_newer=replace_newer)
     except ServiceError as error:
         if error.code != "database_damaged":
@@ -113,21 +109,25 @@ def _refuse_data_folder(data_dir: Path, folder: Path) -> None:
         )
 
 
-@contextmanager
-def _folder_failures(data_dir: Path, folder: Path) -> Iterator[None]:
-    """Raise BackupRefused where the system refuses what concerns the backup's folder, and not the data folder."""
+def _unusable(folder: Path, named: Path | None, reason: str) -> BackupRefused:
+    return BackupRefused(
+        "backup_folder_unusable",
+        f"The backup folder {folder} cannot be used. {named or folder}: {reason}.",
+        "Allow this user to read and write it, check that its disk is mounted, writable and has room, or name "
+        "another folder.",
+    )
+
+
+def _copy_database(database: Database, path: Path) -> None:
+    """Copy the rows of this moment. Raises BackupRefused where the copy has no room; its source takes none."""
     try:
-        yield
-    except OSError as error:
-        named = Path(os.fsdecode(error.filename)) if isinstance(error.filename, str | bytes) else None
-        of_data = named is not None and named.absolute().is_relative_to(data_dir.absolute())
-        if of_data or (named is None and error.errno not in _OF_WRITING):
-            raise
+        migrations.copy_to_file(database, path)
+    except (StorageFull, migrations.NoRoomForCopy) as error:
         raise BackupRefused(
-            "backup_folder_unusable",
-            f"The backup folder {folder} cannot be used. {named or folder}: {error.strerror or error}.",
-            "Allow this user to read and write it, check that its disk is mounted, writable and has room, or name "
-            "another folder.",
+            "no_room",
+            f"The copy of the database takes {database.size_bytes()} bytes, and the disk of {path.parent} was full or "
+            f"refused them ({shutil.disk_usage(path.parent).free} are free now).",
+            "Free space there, or name a folder on a larger disk. The earlier backup is kept.",
         ) from error
 
 
@@ -146,7 +146,7 @@ class _Making:
         for moment in range(1, _MOMENTS + 1):
             created_at = datetime.now(UTC)
             path = self._folder / f"database-{created_at:%Y%m%dT%H%M%S.%fZ}.sqlite3"
-            migrations.copy_to_file(self._installation.database, path)
+            _copy_database(self._installation.database, path)
             copy = Database(sa.URL.create("sqlite", database=str(path)))
             try:
                 with copy.read() as records:

@@ -145,3 +145,21 @@ def test_a_start_on_a_full_disk_says_so(
     with pytest.raises(typer.Exit), data_failures(Settings(data_dir=folder)):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     assert "4096" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("inside", "number", "said"),
+    [
+        (False, errno.EACCES, "chown -R"),
+        (True, errno.EACCES, "mounted, writable and has room"),
+        (False, errno.EROFS, "chown -R"),
+        (True, errno.EROFS, "chown -R"),
+    ],
+)
+def test_a_file_elsewhere_and_a_read_only_disk_are_not_blamed_on_the_owner_of_the_data_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], inside: bool, number: int, said: str
+) -> None:
+    place = (tmp_path / "data" if inside else tmp_path) / "file"
+    with pytest.raises(typer.Exit), data_failures(Settings(data_dir=tmp_path / "data", workers=0)):
+        raise OSError(number, os.strerror(number), str(place))
+    assert said not in capsys.readouterr().err

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +122,40 @@ def test_a_file_is_replaced_only_on_request(source: Api, session_id: str, tmp_pa
     assert path.read_bytes() == b"precious"
     archive_session(source.installation, session_id, path, replace=True)
     assert [one.name for one in tmp_path.iterdir()] == ["thesis.tar.gz"]
+
+
+def test_a_session_is_archived_by_its_name(api: Api, tmp_path: Path) -> None:
+    wanted, one, two = api.make_session(), api.make_session(), api.make_session()
+    for session, name in ((wanted, "Cell 7"), (one, "Cell 8"), (two, "Cell 8")):
+        assert api.client.patch(f"/v1/sessions/{session}", json={"name": name}).status_code == 200
+    archived = archive_session(api.installation, "Cell 7", tmp_path / "7.tar.gz")
+    assert archived.manifest.session_id == wanted
+    path = tmp_path / "8.tar.gz"
+    assert refused(lambda: archive_session(api.installation, "Cell 8", path)) == "session_ambiguous"
+    with pytest.raises(NotFound):
+        archive_session(api.installation, "Cell", path)
+
+
+def test_a_file_that_cannot_be_written_is_the_archives_failure(
+    source: Api, session_id: str, tmp_path: Path
+) -> None:
+    absent = tmp_path / "not mounted" / "new.tar.gz"
+    assert refused(lambda: archive_session(source.installation, session_id, absent)) == "archive_unwritable"
+    assert refused(lambda: archive_session(source.installation, session_id, Path("/dev/full/a"))) == (
+        "archive_unwritable"
+    )
+
+
+def test_a_disk_that_fills_is_the_archives_failure(
+    source: Api, session_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    path = tmp_path / "new.tar.gz"
+    monkeypatch.setattr(os, "fsync", full)
+    assert refused(lambda: archive_session(source.installation, session_id, path)) == "archive_unwritable"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_originals_that_are_lost_are_named(api: Api, tmp_path: Path, other: ServiceContext) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from app.blobs.local import LocalBlobs, original_path
+from app.errors import BackupRefused, StorageFull
 from app.records import migrations
 from app.records.database import Database
 from app.records.file_lock import FileLock
@@ -212,3 +213,15 @@ def test_too_little_room_is_said_before_anything_is_copied(
     assert refused(lambda: restore_backup(tmp_path / "whole", settings)) == "no_room"
     with pytest.raises(migrations.NoRoomForCopy):
         migrations.back_up(api.installation.database, tmp_path / "copies", "0008")
+
+
+def test_a_disk_that_fills_under_the_copy_is_the_backups(
+    api: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_arguments: Any) -> None:
+        raise StorageFull
+
+    monkeypatch.setattr(migrations, "copy_to_file", full)
+    with pytest.raises(BackupRefused, match=str(tmp_path / "backup")) as caught:
+        make_backup(api.installation, tmp_path / "backup")
+    assert caught.value.code == "no_room"
