@@ -20,16 +20,24 @@ $(BIN)/.setup: requirements.txt pyproject.toml app/client/pyproject.toml
 	@echo "installing packages into $(VENV)"
 	$(PIP) --require-hashes -r requirements.txt
 	$(PIP) --no-deps --no-build-isolation -e . ./app/client  # the latter has the command, which finds the former
+	@touch $@
+
+# Another version may have the same packages and other kernels. By content: files of an unpacked archive are as old as
+# the version. Code that is compiled already is not compiled again, but to load all of it takes seconds.
+KERNELS := $(BIN)/.kernels-$(shell find core -name '*.py' | LC_ALL=C sort | xargs cat | cksum | cut -d ' ' -f 1)
+
+$(KERNELS): $(BIN)/.setup
 	$(BIN)/python -m app.jobs.warm_up  # compiles the kernels, so that nobody waits for them later
+	@rm -f $(BIN)/.kernels-*
 	@touch $@
 
 $(BIN)/.setup-dev: $(BIN)/.setup requirements-dev.txt
 	$(PIP) --require-hashes -r requirements-dev.txt
 	@touch $@
 
-setup: $(BIN)/.setup  ## make .venv from the hashed requirements.txt
+setup: $(BIN)/.setup $(KERNELS)  ## make .venv from the hashed requirements.txt
 
-setup-dev: $(BIN)/.setup-dev  ## the same, with what tests and checks need
+setup-dev: $(BIN)/.setup-dev $(KERNELS)  ## the same, with what tests and checks need
 
 demo: setup  ## a rendered robot session through the service, against its truth
 	$(BIN)/gridpose demo
