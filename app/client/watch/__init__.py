@@ -1,8 +1,8 @@
 """Watch a folder for months and send each image once.
 
-`scan` lists the folder, `intact` and `delivery` make one complete file an upload, `metadata` reads sidecars and tables,
-`journal` keeps what became of each file, `gate` holds requests back while the service is away, `results` follows what
-was sent, `report` says what happens, and `watcher` does it in order.
+`files` lists the folder and reads files, sidecars and tables, `delivery` makes one complete file an upload, `journal`
+keeps what became of each file, `gate` holds requests back while the service is away, `results` follows what was sent,
+`report` says what happens, and `watcher` does it in order.
 """
 
 from .journal import Journal, JournalInUse, JournalUnusable

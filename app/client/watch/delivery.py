@@ -20,12 +20,19 @@ from ..images.files import (
     legal_pose_id,
     tag_of,
 )
+from .files import (
+    Found,
+    ImageMetadata,
+    MetadataError,
+    PoseTable,
+    read_sidecar,
+    sidecar_of,
+    signature_of,
+    why_incomplete,
+)
 from .gate import is_outage
-from .intact import why_incomplete
 from .journal import Entry, Journal
-from .metadata import ImageMetadata, MetadataError, PoseTable, read_sidecar, sidecar_of
 from .report import Report
-from .scan import Found, signature_of
 from .settings import WatchSettings
 
 _OF_KEY_OR_SESSION = (401, 404)

@@ -15,10 +15,10 @@ from pathlib import Path
 from ..http import ClientError, Json
 from ..summary import is_measured
 from .delivery import SessionRun
+from .files import signature_of
 from .gate import Gate, concerns_all
 from .journal import Entry, State
 from .live import BURST_ADVICE, NextViewLine, describe_result, is_of_burst, wants_bursts
-from .scan import signature_of
 
 _ROUND = 50
 _UNFINISHED_IN_A_ROUND = 4

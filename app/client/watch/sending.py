@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 from ..http import ClientError
 from .delivery import Delivery, FileNotReady, FileRefused, Loaded
+from .files import Found, in_natural_order
 from .gate import Gate, concerns_all
 from .journal import Entry, JournalUnusable
 from .report import Report
-from .scan import Found, in_natural_order
 from .settings import WatchSettings
 
 _RETRY_S = (2.0, 300.0)

@@ -11,12 +11,11 @@ from functools import partial
 from ..http import ClientError, ServiceClient
 from ..resources import find_or_make_session
 from .delivery import Delivery, SessionRun
+from .files import TABLE, PoseTable, Settling, list_folder, read_table, signature_of
 from .gate import Gate, concerns_all, is_outage
 from .journal import Journal, JournalUnusable
-from .metadata import TABLE, PoseTable, read_table
 from .report import Report
 from .results import Results
-from .scan import Settling, list_folder, signature_of
 from .sending import Sending
 from .settings import WatchSettings
 

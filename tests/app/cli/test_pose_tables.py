@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from app.client.watch.metadata import read_table
+from app.client.watch.files.metadata import read_table
 from tests.support.command_line import gridpose
 
 

@@ -12,11 +12,11 @@ import pytest
 
 from app.client.images.files import legal_pose_id
 from app.client.watch import Journal, JournalInUse, JournalUnusable
-from app.client.watch.intact import why_incomplete
+from app.client.watch.files.intact import why_incomplete
+from app.client.watch.files.metadata import MetadataError, read_sidecar, read_table, sidecar_of
+from app.client.watch.files.scan import Found, Settling, in_natural_order, list_folder
 from app.client.watch.journal import Entry
-from app.client.watch.metadata import MetadataError, read_sidecar, read_table, sidecar_of
 from app.client.watch.report import Report
-from app.client.watch.scan import Found, Settling, in_natural_order, list_folder
 from tests.support.image.images import encode
 
 PIXELS = np.random.default_rng(3).integers(0, 256, (40, 60, 3), dtype=np.uint8)

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ..pose_rows import RowError, decoded, delimiter_of, implausible_unit, is_pose_column, pose_of_cells
+from ...pose_rows import RowError, decoded, delimiter_of, implausible_unit, is_pose_column, pose_of_cells
 
 SIDECARS = (".json", ".csv")
 TABLE = "poses.csv"

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..images.files import SUFFIXES, natural_key
+from ...images.files import SUFFIXES, natural_key
 
 _SUFFIXES = tuple(SUFFIXES)
 
