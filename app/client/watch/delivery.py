@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import threading
-from collections import defaultdict
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,6 +19,7 @@ from ..images.files import (
     legal_pose_id,
     tag_of,
 )
+from .cycles import CycleNumbers
 from .files import (
     Found,
     ImageMetadata,
@@ -75,8 +75,7 @@ class Delivery:
     def __init__(self, run: SessionRun, target_id: str | None) -> None:
         self._run = run
         self._target_id = target_id
-        self._cycles: defaultdict[str, int] = defaultdict(int)
-        self._cycle_lock = threading.Lock()
+        self._numbers = CycleNumbers(run.journal, run.session_id)
         self._pose_lock = threading.Lock()
         self._refused_commands: dict[str, str] = {}
         self.table = PoseTable()
@@ -122,16 +121,16 @@ class Delivery:
         if same is None:
             return None
         state = "stored" if same.state == "done" and self._run.settings.after != "keep" else same.state
-        entry = replace(same, name=loaded.found.name, signature=loaded.found.signature, state=state)
-        self._run.journal.record(self._run.session_id, entry)
-        return entry
+        return self._record(
+            replace(same, name=loaded.found.name, signature=loaded.found.signature, state=state)
+        )
 
     def record_present(self, loaded: Loaded) -> Entry:
         """Enter an image that the service says it has, and return its entry."""
         found, cycle = loaded.found, loaded.metadata.cycle
-        entry = Entry(found.name, found.signature, loaded.pose_id, cycle, loaded.sha256, "done")
-        self._run.journal.record(self._run.session_id, entry)
-        return entry
+        if cycle is None:
+            cycle = self._numbers.of(loaded.pose_id, loaded.sha256)
+        return self._record(Entry(found.name, found.signature, loaded.pose_id, cycle, loaded.sha256, "done"))
 
     def missing(self, images: list[tuple[str, str]]) -> set[tuple[str, str]]:
         """Return those (pose, SHA-256) that the service has not stored. Raises ClientError."""
@@ -148,22 +147,26 @@ class Delivery:
         self._send_command(loaded.pose_id, metadata.command, loaded.found.name)
         cycle = metadata.cycle
         if cycle is None and self._run.settings.number_cycles:
-            cycle = self._next_cycle(loaded.pose_id)
+            cycle = self._numbers.number(loaded.pose_id, loaded.sha256)
         angles = metadata.joint_angles_deg
-        answer = self._run.client.put_image(
-            self._run.session_id,
-            loaded.pose_id,
-            loaded.sha256,
-            loaded.data,
-            cycle=cycle,
-            burst=metadata.burst,
-            target_id=self._target_id,
-            focus_group=metadata.focus_group,
-            joint_angles_deg=None if angles is None else ",".join(map(repr, angles)),
-            captured_at=metadata.captured_at,
-            filename=printable_name(loaded.found.name),
-            pose_label=loaded.label,
-        )
+        try:
+            answer = self._run.client.put_image(
+                self._run.session_id,
+                loaded.pose_id,
+                loaded.sha256,
+                loaded.data,
+                cycle=cycle,
+                burst=metadata.burst,
+                target_id=self._target_id,
+                focus_group=metadata.focus_group,
+                joint_angles_deg=None if angles is None else ",".join(map(repr, angles)),
+                captured_at=metadata.captured_at,
+                filename=printable_name(loaded.found.name),
+                pose_label=loaded.label,
+            )
+        except ClientError:
+            self._numbers.keep(loaded.pose_id, loaded.sha256)
+            raise
         entry = Entry(
             loaded.found.name,
             loaded.found.signature,
@@ -173,8 +176,7 @@ class Delivery:
             "stored" if self._run.settings.needs_results else "done",
             str(answer["id"]),
         )
-        self._run.journal.record(self._run.session_id, entry)
-        return entry
+        return self._record(entry)
 
     def record_refused(self, loaded: Loaded, error: ClientError) -> Entry:
         """Enter an image that the service does not take as it is, and return its entry."""
@@ -182,8 +184,7 @@ class Delivery:
         entry = Entry(
             *(found.name, found.signature, loaded.pose_id, cycle, loaded.sha256, "refused", None, str(error))
         )
-        self._run.journal.record(self._run.session_id, entry)
-        return entry
+        return self._record(entry)
 
     def send_commands(self) -> None:
         """Send the commanded poses of the table that are new or changed.
@@ -269,11 +270,10 @@ class Delivery:
                 raise FileNotReady(str(error)) from error
         return known
 
-    def _next_cycle(self, pose_id: str) -> int:
-        with self._cycle_lock:
-            last = max(self._cycles[pose_id], self._run.journal.last_cycle(self._run.session_id, pose_id))
-            self._cycles[pose_id] = last + 1
-            return last + 1
+    def _record(self, entry: Entry) -> Entry:
+        self._run.journal.record(self._run.session_id, entry)
+        self._numbers.release(entry.pose_id, entry.sha256)
+        return entry
 
 
 def _without_identity(signature: str) -> str:

@@ -34,6 +34,10 @@ CREATE TABLE IF NOT EXISTS poses (
     session_id TEXT NOT NULL, pose_id TEXT NOT NULL, body TEXT NOT NULL,
     PRIMARY KEY (session_id, pose_id)
 ) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS numbers (
+    session_id TEXT NOT NULL, pose_id TEXT NOT NULL, sha256 TEXT NOT NULL, cycle INTEGER NOT NULL,
+    PRIMARY KEY (session_id, pose_id, sha256)
+) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS sessions (given TEXT PRIMARY KEY, session_id TEXT NOT NULL, target_id TEXT) WITHOUT ROWID;
 """
 _COLUMNS = "name, signature, pose_id, cycle, sha256, state, measurement_id, detail"
@@ -116,7 +120,7 @@ class Journal:
         return found[0] if found else None
 
     def record(self, session_id: str, entry: Entry) -> None:
-        """Write what became of a file, durably, in place of what was known of its name."""
+        """Write what became of a file, durably, in place of what was known of its name and of its image's number."""
         with self._transaction() as connection:
             connection.execute(
                 f"INSERT OR REPLACE INTO files (session_id, {_COLUMNS}, changed_s) "  # noqa: S608 - constants
@@ -125,6 +129,10 @@ class Journal:
                     *(session_id, entry.name, entry.signature, entry.pose_id, entry.cycle, entry.sha256),
                     *(entry.state, entry.measurement_id, entry.detail, int(time.time())),
                 ),
+            )
+            connection.execute(
+                "DELETE FROM numbers WHERE session_id = ? AND pose_id = ? AND sha256 = ?",
+                (session_id, entry.pose_id, entry.sha256),
             )
 
     def advance(self, session_id: str, entry: Entry, state: State, detail: str | None) -> None:
@@ -145,6 +153,18 @@ class Journal:
             )
             row = connection.execute(query, (session_id, pose_id)).fetchone()
         return 0 if row is None else int(row[0] or 0)
+
+    def numbers(self, session_id: str) -> list[tuple[str, str, int]]:
+        """Return pose, SHA-256 and cycle of each image that was numbered and has no entry yet."""
+        with self._reading() as connection:
+            query = "SELECT pose_id, sha256, cycle FROM numbers WHERE session_id = ?"
+            return connection.execute(query, (session_id,)).fetchall()
+
+    def record_number(self, session_id: str, pose_id: str, sha256: str, cycle: int) -> None:
+        """Write which cycle an image has that is not acknowledged yet."""
+        with self._transaction() as connection:
+            row = (session_id, pose_id, sha256, cycle)
+            connection.execute("INSERT OR REPLACE INTO numbers VALUES (?, ?, ?, ?)", row)
 
     def forget(self, session_id: str, names: list[str]) -> None:
         """Remove entries, so that their files are sent again."""

@@ -1,0 +1,87 @@
+"""Numbers that the watcher gives to images without a cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from app.client.watch import Journal
+from app.client.watch.cycles import CycleNumbers
+from app.client.watch.journal import Entry
+from tests.support.environment.fault_proxy import Fault
+from tests.support.image.images import small_image
+from tests.support.service.service import Api, ApiMaker
+from tests.support.service.watched import WatchedCell
+
+
+@pytest.fixture(scope="module")
+def api(serve_api: ApiMaker) -> Iterator[Api]:
+    """A service that takes images and computes nothing."""
+    with serve_api() as running:
+        yield running
+
+
+@pytest.fixture
+def cell(api: Api, tmp_path: Path) -> Iterator[WatchedCell]:
+    with WatchedCell.of(api, tmp_path) as made:
+        yield made
+
+
+class FirstPutsFail:
+    """A plan under which this many uploads of images meet a fault, and nothing else does."""
+
+    def __init__(self, fault: Fault, count: int) -> None:
+        self.fault, self.left = fault, count
+
+    def __call__(self, method: str, path: str) -> Fault:
+        if method != "PUT" or self.left <= 0:
+            return "none"
+        self.left -= 1
+        return self.fault
+
+
+def cycles_of(cell: WatchedCell) -> list[tuple[str, int | None]]:
+    return sorted((m["pose_id"], m["cycle"]) for m in cell.measurements())
+
+
+@pytest.mark.parametrize("fault", ["busy", "cut before", "cut after"])
+def test_failed_attempts_use_up_no_number(cell: WatchedCell, fault: Fault) -> None:
+    cell.proxy.plan = FirstPutsFail(fault, 6)
+    for name in "abc":
+        cell.write(f"P1/{name}.png", small_image(ord(name)))
+        cell.write(f"P2/{name}.png", small_image(ord(name)))
+    assert cell.watch(number_cycles=True).waiting == 0
+    assert cycles_of(cell) == [(pose, cycle) for pose in ("P1", "P2") for cycle in (1, 2, 3)]
+    cell.write("P1/d.png", small_image(9))
+    assert cell.watch(number_cycles=True).stored == 1
+    assert cycles_of(cell)[:4] == [("P1", 1), ("P1", 2), ("P1", 3), ("P1", 4)]
+
+
+def test_a_refused_image_uses_up_no_number(cell: WatchedCell) -> None:
+    cell.write("P1/a.png", b"this is text")
+    cell.write("P1/b.png", small_image(2))
+    assert cell.watch(number_cycles=True, parallel=1).refused == 1
+    assert cycles_of(cell) == [("P1", 1)]
+
+
+def test_a_number_stays_with_its_image_over_restarts(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "journal.sqlite")
+    numbers = CycleNumbers(journal, "s1")
+    assert [numbers.number("P1", sha256) for sha256 in ("a", "b", "a", "b")] == [1, 2, 1, 2]
+    assert numbers.number("P2", "a") == 1
+    numbers.keep("P1", "b")
+    numbers.keep("P1", "b")
+    journal.close()
+    journal = Journal(tmp_path / "journal.sqlite")
+    numbers = CycleNumbers(journal, "s1")
+    assert numbers.of("P1", "b") == 2
+    assert numbers.of("P1", "a") is None, "no attempt with it had failed"
+    assert numbers.number("P1", "c") == 3
+    journal.record("s1", Entry("b.png", "1:1:1", "P1", 2, "b", "done"))
+    numbers.release("P1", "b")
+    assert journal.numbers("s1") == []
+    numbers.release("P1", "c")
+    assert numbers.number("P1", "d") == 3
+    journal.close()
