@@ -26,6 +26,8 @@ class Gate:
         self._failing_since: float | None = None
         self._probing = False
         self._failures = 0
+        self._uploads_fail = False
+        self._answers_others = False
 
     def enter(self, stop: threading.Event) -> bool:
         """Wait until a request may be sent; return False where `stop` was set instead.
@@ -47,10 +49,18 @@ class Gate:
             self._probing = False
             self._lock.notify_all()
 
-    def passed(self) -> None:
-        """Note that the service has answered."""
+    def passed(self, *, upload: bool = False) -> None:
+        """Note that the service has answered, and whether it was an upload.
+
+        Once an upload has failed, only an upload ends the trouble: a service whose disk is full answers all else.
+        """
         with self._lock:
             self._probing = False
+            if self._uploads_fail and not upload:
+                self._answers_others = True
+                self._lock.notify_all()
+                return
+            self._uploads_fail = False
             self._pause_s = self._until = 0.0
             self._failing_since = None
             self._failures = 0
@@ -58,13 +68,23 @@ class Gate:
         self._report.over(_AWAY, "", "the service answers again")
         self._report.over(_KEY, "", "the service accepts key and session again")
 
-    def failed(self, error: ClientError) -> None:
-        """Note that the service, or the way to it, failed; requests are held back for a growing pause.
+    def nothing_to_send(self) -> None:
+        """Note that no upload is left: other answers end the trouble, too, and one since the last failure does."""
+        with self._lock:
+            ended = self._uploads_fail and self._answers_others
+            self._uploads_fail = False
+        if ended:
+            self.passed()
+
+    def failed(self, error: ClientError, *, upload: bool = False) -> None:
+        """Note that the service, or the way to it, failed, and whether an upload did; a growing pause follows.
 
         One request that is lost on a poor line is no outage: it is reported from the second failure in a row.
         """
         with self._lock:
             self._probing = False
+            self._uploads_fail |= upload
+            self._answers_others = False
             self._failures += 1
             lasting = self._failures > 1
             if self._failing_since is None:

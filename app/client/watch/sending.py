@@ -223,14 +223,14 @@ class Sending:
                 if error.status == _INTERNAL_ERROR:
                     self._pause(name)  # it may be of this image: others go first
                 self.ask_first([name])  # the answer may have been lost on its way back
-                self._gate.failed(error)
+                self._gate.failed(error, upload=error.status != _INTERNAL_ERROR)
                 return
-            self._gate.passed()
+            self._gate.passed(upload=True)
             self._enter(self._delivery.record_refused(loaded, error), "refused")
             advice = f" {error.advice}" if error.advice else ""
             self._report.trouble("refused", name, f"{error}{advice}")
         else:
-            self._gate.passed()
+            self._gate.passed(upload=True)
             self._enter(entry, "stored")
 
     def _enter(self, entry: Entry, counted_as: str) -> None:

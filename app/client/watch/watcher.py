@@ -193,6 +193,8 @@ class Watcher:
         if first:
             sending.ask_first(found.name for found in fresh)
         self._waiting = len(fresh)
+        if not fresh:
+            self._gate.nothing_to_send()
         sending.offer(self._settling.still(fresh))
 
     def _note_unreadable(self, unreadable: dict[str, str]) -> None:
