@@ -7,8 +7,9 @@ keeps what became of each file, `gate` holds requests back while the service is 
 
 from .journal import Journal, JournalInUse, JournalUnusable
 from .report import Report
+from .session import CannotBegin
 from .settings import WatchSettings
-from .watcher import CannotBegin, Watcher, WatchSummary
+from .watcher import Watcher, WatchSummary
 
 __all__ = [
     "CannotBegin",

@@ -12,12 +12,16 @@ _FIRST_PAUSE_S = 0.1
 """A lost request holds all others back for as long; on a poor line with many files that is most of the time."""
 _AWAY = "service away"
 _KEY = "key or session refused"
+_NOT_FOUND = 404
 
 
 class Gate:
-    """Holds requests back while the service is away, busy, or refuses the key; safe to use from several threads."""
+    """Holds requests back while the service is away, busy, or refuses the key; safe to use from several threads.
 
-    def __init__(self, report: Report, longest_pause_s: float) -> None:
+    `by_name`: the session was given by its name, so that another one can take its place (`session_lost`).
+    """
+
+    def __init__(self, report: Report, longest_pause_s: float, *, by_name: bool = False) -> None:
         self._report = report
         self._longest_s = longest_pause_s
         self._lock = threading.Condition()
@@ -28,6 +32,8 @@ class Gate:
         self._failures = 0
         self._uploads_fail = False
         self._answers_others = False
+        self._by_name = by_name
+        self._session_lost = False
 
     def enter(self, stop: threading.Event) -> bool:
         """Wait until a request may be sent; return False where `stop` was set instead.
@@ -83,7 +89,9 @@ class Gate:
         """
         with self._lock:
             self._probing = False
-            self._uploads_fail |= upload
+            lost = self._by_name and (error.status, error.code) == (_NOT_FOUND, "session_not_found")
+            self._session_lost |= lost
+            self._uploads_fail |= upload and not lost
             self._answers_others = False
             self._failures += 1
             lasting = self._failures > 1
@@ -97,11 +105,23 @@ class Gate:
             self._report.trouble(
                 _AWAY, "", f"the service is away or busy, tried again until it answers: {error}"
             )
-        elif not is_outage(error):
+        elif not is_outage(error) and not lost:
             advice = f" {error.advice}" if error.advice else ""
             self._report.trouble(
                 _KEY, "", f"the service refuses key or session, tried again: {error}{advice}"
             )
+
+    def session_found(self) -> None:
+        """Note that the service has answered which session the name stands for."""
+        with self._lock:
+            self._session_lost = False
+        self.passed()
+
+    @property
+    def session_lost(self) -> bool:
+        """Whether the service has answered that it has no such session, which is then found by its name."""
+        with self._lock:
+            return self._session_lost
 
     @property
     def failing_for_s(self) -> float:

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from functools import partial
 
 from ..http import ClientError, ServiceClient
-from ..resources import find_or_make_session
 from .delivery import Delivery, SessionRun
 from .files import TABLE, PoseTable, Settling, list_folder, read_table, signature_of
-from .gate import Gate, concerns_all, is_outage
+from .gate import Gate, concerns_all
 from .journal import Journal, JournalUnusable
 from .report import Report
 from .results import Results
 from .sending import Sending
+from .session import WatchedSession, is_id
 from .settings import WatchSettings
 
 _SHARE_OF_TIME = 10.0
@@ -24,14 +24,6 @@ _END_WITHIN_S = 10.0
 _VERIFY_EVERY_S = 86_400.0
 _JOURNAL_AGAIN_S = 2.0
 _FOLDER = "folder"
-
-
-class CannotBegin(Exception):
-    """What is to be watched or where to is wrong, and stays wrong; `advice` is the next action."""
-
-    def __init__(self, detail: str, advice: str | None = None) -> None:
-        super().__init__(detail)
-        self.advice = advice
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +65,13 @@ class Watcher:
     ) -> None:
         self._client, self._journal, self._report, self._settings = client, journal, report, settings
         self._on_failed = on_failed
-        self._gate = Gate(report, settings.longest_pause_s)
+        self._gate = Gate(report, settings.longest_pause_s, by_name=not is_id(settings.session))
+        self._session = WatchedSession(client, journal, report, self._gate, settings)
         self._settling = Settling(settings.settle_s if settings.complete == "settled" else 0.0)
         self._table_signature = ""
         self._verify_at = 0.0
         self._crash: BaseException | None = None
         self._waiting = 0
-        self._session_id: str | None = None
 
     def run(self, stop: threading.Event) -> WatchSummary:
         """Watch until `stop` is set or, with `once`, until nothing is left to do.
@@ -89,12 +81,14 @@ class Watcher:
         CannotBegin
             There is no such session, and no target to make it with.
         """
-        session = self._open_session(stop)
-        gave_up = session is None or self._watch(_Work.of(self, *session), stop)
+        gave_up = self._run_session(stop)
+        while self._gate.session_lost and not gave_up and not stop.is_set():
+            self._verify_at, self._table_signature = 0.0, ""  # of the session that takes its place
+            gave_up = self._run_session(stop)
         self._report.tick(self._waiting, last=True)
         counts = self._report.counts
         return WatchSummary(
-            session_id=self._session_id,
+            session_id=self._session.id,
             stored=counts["stored"],
             measured=counts["measured"],
             failed=counts["failed"],
@@ -102,6 +96,11 @@ class Watcher:
             waiting=self._waiting,
             gave_up=gave_up and not stop.is_set(),
         )
+
+    def _run_session(self, stop: threading.Event) -> bool:
+        """Watch for as long as the service has the session; return whether that ended because it stayed away."""
+        session = self._session.open(stop)
+        return session is None or self._watch(_Work.of(self, *session), stop)
 
     def _watch(self, work: _Work, stop: threading.Event) -> bool:
         """Return whether watching ended because the service stayed away."""
@@ -116,7 +115,7 @@ class Watcher:
             thread.start()
         gave_up, first = False, True
         try:
-            while not stop.is_set():
+            while not stop.is_set() and not self._gate.session_lost:
                 began = time.monotonic()
                 self._look(work, first=first)
                 first = False
@@ -141,39 +140,6 @@ class Watcher:
             work(ended)
         except BaseException as error:  # noqa: BLE001 - raised by the main thread
             self._crash = error
-
-    def _open_session(self, stop: threading.Event) -> tuple[str, str | None] | None:
-        """Determine the session's id, as soon as the service can be asked; None where it never could."""
-        settings = self._settings
-        given = f"{settings.session}\n{settings.target or ''}"
-        found = self._journal.session(given)
-        if found is None and settings.session.startswith("ses_") and settings.target is None:
-            found = (settings.session, None)  # a key of scope ingest may not read lists
-        while found is None:
-            if not self._gate.enter(stop) or (
-                settings.once and self._gate.failing_for_s > settings.give_up_s
-            ):
-                return None
-            try:
-                found = find_or_make_session(self._client, settings.session, settings.target)
-                self._gate.passed()
-                self._journal.record_session(given, *found)
-            except ClientError as error:
-                if not is_outage(error):
-                    by_id = (
-                        "Give the session's id, which needs no list of sessions, or a key of scope upload."
-                    )
-                    advice = by_id if error.code == "insufficient_scope" else error.advice
-                    raise CannotBegin(str(error), advice) from error
-                self._gate.failed(error)
-                self._report.tick(self._waiting)
-            except JournalUnusable as error:
-                self._gate.leave()
-                self._report.trouble("journal", "", f"{error}; tried again")
-                stop.wait(settings.poll_s)
-        self._session_id = found[0]
-        self._report.about(session_id=found[0])
-        return found
 
     def _look(self, work: _Work, *, first: bool) -> None:
         """List the folder and queue what is complete and not yet sent."""
