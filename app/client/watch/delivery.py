@@ -75,7 +75,7 @@ class Delivery:
     def __init__(self, run: SessionRun, target_id: str | None) -> None:
         self._run = run
         self._target_id = target_id
-        self._numbers = CycleNumbers(run.journal, run.session_id)
+        self._numbers = CycleNumbers(run.client, run.journal, run.report, run.session_id)
         self._pose_lock = threading.Lock()
         self._refused_commands: dict[str, str] = {}
         self.table = PoseTable()
@@ -128,7 +128,7 @@ class Delivery:
     def record_present(self, loaded: Loaded) -> Entry:
         """Enter an image that the service says it has, and return its entry."""
         found, cycle = loaded.found, loaded.metadata.cycle
-        if cycle is None:
+        if cycle is None and self._run.settings.number_cycles:
             cycle = self._numbers.of(loaded.pose_id, loaded.sha256)
         return self._record(Entry(found.name, found.signature, loaded.pose_id, cycle, loaded.sha256, "done"))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from typing import Any
 
 
@@ -22,6 +23,9 @@ class InstantService:
     ) -> dict[str, Any]:
         self.stored[pose_id, sha256] += 1
         return {"id": f"mea_{sha256}", "cycle": metadata.get("cycle")}
+
+    def items(self, path: str, **_: Any) -> Iterator[dict[str, Any]]:
+        return iter(())
 
     def get(self, path: str) -> dict[str, Any]:
         return {

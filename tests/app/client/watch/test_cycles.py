@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import cast
 
 import pytest
 
-from app.client.watch import Journal
+from app.client import ServiceClient
+from app.client.watch import Journal, Report
 from app.client.watch.cycles import CycleNumbers
 from app.client.watch.journal import Entry
 from tests.support.environment.fault_proxy import Fault
 from tests.support.image.images import small_image
+from tests.support.service.instant_service import InstantService
 from tests.support.service.service import Api, ApiMaker
 from tests.support.service.watched import WatchedCell
 
@@ -66,16 +69,20 @@ def test_a_refused_image_uses_up_no_number(cell: WatchedCell) -> None:
     assert cycles_of(cell) == [("P1", 1)]
 
 
+def numbers_of(journal: Journal) -> CycleNumbers:
+    return CycleNumbers(cast(ServiceClient, InstantService()), journal, Report(print, None, {}), "s1")
+
+
 def test_a_number_stays_with_its_image_over_restarts(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "journal.sqlite")
-    numbers = CycleNumbers(journal, "s1")
+    numbers = numbers_of(journal)
     assert [numbers.number("P1", sha256) for sha256 in ("a", "b", "a", "b")] == [1, 2, 1, 2]
     assert numbers.number("P2", "a") == 1
     numbers.keep("P1", "b")
     numbers.keep("P1", "b")
     journal.close()
     journal = Journal(tmp_path / "journal.sqlite")
-    numbers = CycleNumbers(journal, "s1")
+    numbers = numbers_of(journal)
     assert numbers.of("P1", "b") == 2
     assert numbers.of("P1", "a") is None, "no attempt with it had failed"
     assert numbers.number("P1", "c") == 3
@@ -85,3 +92,42 @@ def test_a_number_stays_with_its_image_over_restarts(tmp_path: Path) -> None:
     numbers.release("P1", "c")
     assert numbers.number("P1", "d") == 3
     journal.close()
+
+
+@pytest.mark.parametrize("kept", ["all", "one", "none"])
+def test_without_its_journal_numbering_goes_on_from_the_service(cell: WatchedCell, kept: str) -> None:
+    files = [cell.write(f"P1/{name}.png", small_image(ord(name))) for name in "abc"]
+    assert cell.watch(number_cycles=True).stored == 3
+    cell.journal.unlink()
+    for path in {"all": [], "one": files[1:], "none": files}[kept]:
+        path.unlink()  # as measured files are moved away
+    cell.write("P1/d.png", small_image(100))
+    assert cell.watch(number_cycles=True).stored == 1
+    assert cycles_of(cell) == [("P1", cycle) for cycle in (1, 2, 3, 4)]
+    cell.write("P1/e.png", small_image(101))
+    assert cell.watch(number_cycles=True).stored == 1
+    assert cycles_of(cell)[-1] == ("P1", 5)
+    assert not any("number twice" in line for line in cell.lines)
+
+
+def test_images_that_were_there_already_keep_their_cycles_in_the_journal(cell: WatchedCell) -> None:
+    cell.write("P1/a.png", small_image(1))
+    cell.write("P1/b.png", small_image(2))
+    assert cell.watch(number_cycles=True).stored == 2
+    cell.journal.unlink()
+    assert cell.watch(number_cycles=True).stored == 0
+    journal = Journal(cell.journal)
+    assert journal.last_cycle(cell.session_id, "P1") == 2
+    journal.close()
+
+
+def test_a_key_that_may_not_read_says_once_that_numbers_may_repeat(cell: WatchedCell) -> None:
+    cell.key = cell.direct.create("/v1/keys", {"name": "cell", "scope": "ingest"})["key"]
+    for name in ("P1/a.png", "P1/b.png", "P2/a.png"):
+        cell.write(name, small_image(len(name) + ord(name[3])))
+    assert cell.watch(number_cycles=True).stored == 3
+    assert sum("number twice" in line for line in cell.lines) == 1, cell.lines
+    cell.write("P1/c.png", small_image(5))
+    assert cell.watch(number_cycles=True).stored == 1
+    assert sum("number twice" in line for line in cell.lines) == 1, "the journal knows the pose"
+    assert cycles_of(cell) == [("P1", 1), ("P1", 2), ("P1", 3), ("P2", 1)]
