@@ -70,6 +70,13 @@ class CycleNumbers:
             self._journal.record_number(self._session_id, pose_id, sha256, cycle)
             self._kept.add((pose_id, sha256))
 
+    def hold(self, pose_id: str, sha256: str, cycle: int) -> None:
+        """Give an image the number that it had, since it is to be sent again. Raises JournalUnusable."""
+        with self._lock:
+            self._journal.record_number(self._session_id, pose_id, sha256, cycle)
+            self._held[pose_id][sha256] = cycle
+            self._kept.add((pose_id, sha256))
+
     def release(self, pose_id: str, sha256: str) -> None:
         """Give the number up once the journal has an entry of the image, which ends its row as well."""
         with self._lock:

@@ -132,6 +132,13 @@ class Delivery:
             cycle = self._numbers.of(loaded.pose_id, loaded.sha256)
         return self._record(Entry(found.name, found.signature, loaded.pose_id, cycle, loaded.sha256, "done"))
 
+    def forget(self, entries: list[Entry]) -> None:
+        """Take images for new that the service no longer has; each keeps its cycle. Raises JournalUnusable."""
+        for entry in entries:
+            if entry.cycle is not None and self._run.settings.number_cycles:
+                self._numbers.hold(entry.pose_id, entry.sha256, entry.cycle)
+        self._run.journal.forget(self._run.session_id, [entry.name for entry in entries])
+
     def missing(self, images: list[tuple[str, str]]) -> set[tuple[str, str]]:
         """Return those (pose, SHA-256) that the service has not stored. Raises ClientError."""
         return self._run.client.missing_images(

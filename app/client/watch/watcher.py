@@ -12,7 +12,7 @@ from ..http import ClientError, ServiceClient
 from .delivery import Delivery, SessionRun
 from .files import TABLE, PoseTable, Settling, list_folder, read_table, signature_of
 from .gate import Gate, concerns_all
-from .journal import Journal, JournalUnusable
+from .journal import Entry, Journal, JournalUnusable
 from .report import Report
 from .results import Results
 from .sending import Sending
@@ -179,14 +179,14 @@ class Watcher:
             for name, entry in self._journal.entries(work.session_id).items()
             if name in present and entry.state != "refused"
         ]
-        lost: list[str] = []
+        lost: list[Entry] = []
         try:
             for start in range(
                 0, max(len(entries), 1), 1000
             ):  # of no images, too: are key and session accepted?
                 part = entries[start : start + 1000]
                 missing = work.delivery.missing([(e.pose_id, e.sha256) for e in part])
-                lost += [e.name for e in part if (e.pose_id, e.sha256) in missing]
+                lost += [e for e in part if (e.pose_id, e.sha256) in missing]
         except ClientError as error:
             if concerns_all(error):
                 self._gate.failed(error)
@@ -194,9 +194,12 @@ class Watcher:
             self._report.trouble("verification", "", f"the service does not say which images it has: {error}")
         self._verify_at = time.monotonic() + _VERIFY_EVERY_S
         if lost:
-            self._report.say(f"the service has lost {len(lost)} images that it had; they are sent again")
-            self._journal.forget(work.session_id, lost)
-            work.sending.forget(lost)
+            self._report.say(
+                f"the service no longer has {len(lost)} images that it had; they are sent again. To keep an image out, "
+                "exclude its measurement in place of deleting it, or move its file away"
+            )
+            work.delivery.forget(lost)
+            work.sending.forget(entry.name for entry in lost)
         self._journal.prune(work.session_id, present)
 
     def _read_table(self, work: _Work) -> None:

@@ -131,3 +131,24 @@ def test_a_key_that_may_not_read_says_once_that_numbers_may_repeat(cell: Watched
     assert cell.watch(number_cycles=True).stored == 1
     assert sum("number twice" in line for line in cell.lines) == 1, "the journal knows the pose"
     assert cycles_of(cell) == [("P1", 1), ("P1", 2), ("P1", 3), ("P2", 1)]
+
+
+def test_an_image_that_is_sent_again_keeps_its_number(cell: WatchedCell) -> None:
+    for name in "abc":
+        cell.write(f"P1/{name}.png", small_image(ord(name)))
+    assert cell.watch(number_cycles=True).stored == 3
+    before = {m["filename"]: m["cycle"] for m in cell.measurements()}
+    for measurement in cell.measurements()[:2]:
+        cell.direct.delete(f"/v1/measurements/{measurement['id']}")
+    assert cell.watch(number_cycles=True).stored == 2
+    assert {m["filename"]: m["cycle"] for m in cell.measurements()} == before
+    assert sum("no longer has 2 images" in line for line in cell.lines) == 1
+
+
+def test_an_image_whose_measurement_is_excluded_is_not_sent_again(cell: WatchedCell) -> None:
+    cell.write("P1/a.png", small_image(1))
+    assert cell.watch().stored == 1
+    (sent,) = cell.measurements()
+    cell.direct.change(f"/v1/measurements/{sent['id']}", {"excluded": {"reason": "A hand in front."}})
+    assert cell.watch().stored == 0
+    assert [m["excluded"] is not None for m in cell.measurements()] == [True]
