@@ -85,6 +85,12 @@ class PositionOnlyCalibration:
         """Return where the commanded point was, base frame, mm."""
         return predicted(PositionState(self.T_base_target, self.point_camera_mm), T_target_camera)
 
+    def measurement_effect(self, T_target_camera: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "3 6"]:
+        """Return what an error of a measured pose does to where the commanded point was."""
+        state = PositionState(self.T_base_target, self.point_camera_mm)
+        one = PositionProblem(np.zeros((1, 3)), T_target_camera[None], np.zeros((1, 6, 6)), np.zeros((3, 0)))
+        return np.asarray(effect(state, one)[0])
+
 
 def calibrate_from_positions(stations: Sequence[PositionObservation]) -> PositionOnlyCalibration:
     """Estimate the target in the base, and the commanded point in the camera frame, from commanded positions.

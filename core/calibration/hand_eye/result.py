@@ -134,6 +134,12 @@ class HandEyeCalibration:
             left = left + measurement_effect(self.frames, T_target_camera[None])[0] @ common
         return J @ self.covariance_given_camera @ J.T, left
 
+    def measurement_effect(
+        self, T_target_camera: Float[np.ndarray, "4 4"], target: int = 0
+    ) -> Float[np.ndarray, "6 6"]:
+        """Return what an error of a measured pose does to the attained one in these frames."""
+        return measurement_effect(self.frames, T_target_camera[None], np.array([target]))[0]
+
     @property
     def T_base_target(self) -> Float[np.ndarray, "4 4"]:
         """The first target in the base: the one there is, mostly."""

@@ -4,6 +4,7 @@ from core.metrology.accuracy.deviation_parts import DeviationParts, DeviationSpr
 from core.metrology.accuracy.deviations import (
     EstimatedDeviation,
     MeanNoise,
+    PosesOfStations,
     TiedDeviations,
     estimate_deviations,
 )
@@ -26,6 +27,7 @@ __all__ = [
     "HeldOutDeviation",
     "MeanNoise",
     "PoseAccuracy",
+    "PosesOfStations",
     "TiedDeviations",
     "accuracy_drift",
     "estimate_deviations",

@@ -16,7 +16,11 @@ short, and its share of s² widens nobody's interval enough. In the frames of th
 
     (I - H_ii)⁻¹ r_i = e_i + ν_i,     s² K in ν_i, s² from r without pose i,
 
-which presumes nothing of e_i. The part of e that moves all poses as one rigid body is in no residual: only a tie by
+which presumes nothing of e_i. Poses of one command share what the robot is off. They are one station of the tie, their
+mean, and count once in H, s² and dof. Pose k of station i is off by e_i + d_k: the offset d_k from the station is
+measured, so it is added to residual and figure as it is, and the pose's own mean is the noise of what it adds to.
+
+The part of e that moves all poses as one rigid body is in no residual: only a tie by
 other means shows it.
 
 References: D. A. Belsley, E. Kuh, R. E. Welsch, "Regression diagnostics", 1980, 10.1002/0471725153, 2.1 (leverage).
@@ -28,7 +32,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.special import stdtrit
 
 from core.metrology.accuracy.deviation_parts import DeviationParts, DeviationSpread, length_limits
@@ -55,10 +59,34 @@ class MeanNoise:
 
 
 @dataclass(frozen=True, slots=True)
-class TiedDeviations:
-    """Deviations attained - commanded of n poses after a tie, of positions (mm) or of rotation vectors (rad).
+class PosesOfStations:
+    """m poses of n stations, a station being one pose or the mean of several of one command.
 
-    `leverage` are the blocks H_ii, `common` A_i, `used` the poses that tied the frames; `noise` has the u_i².
+    Of each pose: its `station`, the `offsets` of its deviation from the station's, what the errors that all poses share
+    leave in it (`common`), the `noise` of its mean, and the `weight` of this mean in the station's; weights of a
+    station have the sum 1.
+    """
+
+    station: Int[np.ndarray, " m"]
+    offsets: Float[np.ndarray, "m 3"]
+    common: Float[np.ndarray, "m 3 k"]
+    noise: MeanNoise
+    weight: Float[np.ndarray, " m"]
+
+    @property
+    def noise_of_stations(self) -> MeanNoise:
+        """That of the stations' means; the degrees of freedom are the least of a station's poses."""
+        least = np.full(int(self.station.max()) + 1, np.inf)
+        np.minimum.at(least, self.station, self.noise.degrees_of_freedom)
+        return MeanNoise(np.bincount(self.station, self.weight**2 * self.noise.variance), least)
+
+
+@dataclass(frozen=True, slots=True)
+class TiedDeviations:
+    """Deviations attained - commanded of n stations after a tie, of positions (mm) or of rotation vectors (rad).
+
+    `leverage` are the blocks H_ii, `common` A_i, `used` the stations that tied the frames; `noise` has the u_i².
+    `poses` are those of the stations; None where each station is one pose.
     """
 
     residuals: Float[np.ndarray, "n 3"]
@@ -66,10 +94,19 @@ class TiedDeviations:
     common: Float[np.ndarray, "n 3 k"]
     used: Bool[np.ndarray, " n"]
     noise: MeanNoise
+    poses: PosesOfStations | None = None
+
+    @property
+    def each(self) -> PosesOfStations:
+        """The poses, also where each station is one."""
+        if self.poses is not None:
+            return self.poses
+        n = len(self.residuals)
+        return PosesOfStations(np.arange(n), np.zeros((n, 3)), self.common, self.noise, np.ones(n))
 
     @property
     def degrees_of_freedom(self) -> float:
-        """3 - tr H_ii, summed over the poses that tied the frames."""
+        """3 - tr H_ii, summed over the stations that tied the frames."""
         return float(np.sum(3.0 - np.trace(self.leverage[self.used], axis1=1, axis2=2)))
 
 
@@ -108,18 +145,21 @@ def estimate_deviations(tied: TiedDeviations, *, lengths: bool = True) -> list[E
     squares = np.sum(tied.residuals**2, axis=1)
     of_means = _variance_of_means(tied, tied.used)
     spread = _spread(tied, squares, tied.used, of_means, dof)
+    each = tied.each
     found = []
-    for i, (r, Hi, A) in enumerate(zip(tied.residuals, H, tied.common, strict=True)):
-        used = bool(tied.used[i])
+    for k, (i, offset, A) in enumerate(zip(each.station.tolist(), each.offsets, each.common, strict=True)):
+        Hi, used = H[i], bool(tied.used[i])
+        r = tied.residuals[i] + offset
         free = 1.0 - float(np.trace(Hi)) / 3.0 if used else 1.0
-        vector = r / math.sqrt(free) if free >= MIN_FREE_SHARE else None
+        vector = tied.residuals[i] / math.sqrt(free) + offset if free >= MIN_FREE_SHARE else None
         if dof < MIN_DEGREES_OF_FREEDOM or vector is None:
             found.append(EstimatedDeviation(vector, r, None, 0.0, None, None))
             continue
         share = _as_share(Hi) if used else Hi
         rest = np.eye(3) - share if used else np.eye(3)
         of_visits = tied.noise.variance[i] * rest @ rest + of_means * (share @ rest if used else share)
-        parts = DeviationParts(r, share, of_visits, A, tied.noise.freedom_of(i), spread, tied=used)
+        of_visits += _of_own_mean(tied, k, share if used else np.zeros((3, 3)))
+        parts = DeviationParts(r, share, of_visits, A, each.noise.freedom_of(k), spread, tied=used)
         factor = float(stdtrit(parts.own_degrees_of_freedom, 0.5 + 0.5 * CONFIDENCE))
         if not lengths:
             found.append(EstimatedDeviation(vector, r, parts, factor, None, None))
@@ -128,9 +168,20 @@ def estimate_deviations(tied: TiedDeviations, *, lengths: bool = True) -> list[E
         # The studentised figure is seldom outside what is known of the length; a figure is in its own interval.
         figure = float(np.linalg.norm(vector))
         within = min(low, figure), max(high, figure)
-        alone = _held_out(tied, i, Hi) if used else within
+        alone = _held_out(tied, k, Hi) if used else within
         found.append(EstimatedDeviation(vector, r, parts, factor, within, alone))
     return found
+
+
+def _of_own_mean(
+    tied: TiedDeviations, k: int, followed: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "3 3"]:
+    """Return by how much the covariance of n_k - S n_i exceeds that of (1 - S) n_i: of pose k's own mean and of its
+    station's, S being `followed`; 0 where the pose is the station.
+    """
+    each = tied.each
+    own, station = each.noise.variance[k], tied.noise.variance[each.station[k]]
+    return np.asarray((own - station) * np.eye(3) - 2.0 * (each.weight[k] * own - station) * followed)
 
 
 def _spread(
@@ -162,8 +213,10 @@ def _as_share(leverage: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
     return np.asarray(directions * np.clip(shares, 0.0, 1.0) @ directions.T)
 
 
-def _held_out(tied: TiedDeviations, i: int, leverage: Float[np.ndarray, "3 3"]) -> tuple[float, float] | None:
-    """Return the interval of a pose's deviation in the frames of the other poses; None where they do not tie it."""
+def _held_out(tied: TiedDeviations, k: int, leverage: Float[np.ndarray, "3 3"]) -> tuple[float, float] | None:
+    """Return the interval of pose k's deviation in the frames of the other stations; None where they do not tie it."""
+    each = tied.each
+    i = int(each.station[k])
     free = np.eye(3) - leverage
     dof = tied.degrees_of_freedom - 3.0
     if dof < MIN_DEGREES_OF_FREEDOM or np.linalg.eigvalsh(free)[0] < MIN_FREE_SHARE:
@@ -173,7 +226,7 @@ def _held_out(tied: TiedDeviations, i: int, leverage: Float[np.ndarray, "3 3"]) 
     counted = tied.used.copy()
     counted[i] = False
     squares = np.sum(tied.residuals[counted] ** 2, axis=1)
-    # In the frames of the others their residuals are shorter, by what the pose drew the frames to itself.
+    # In the frames of the others their residuals are shorter, by what the station drew the frames to itself.
     left = float(np.sum(squares)) + float(residual @ residual) - float(residual @ G @ residual)
     squares = squares * (max(left, 0.0) / max(float(np.sum(squares)), 1e-300))
     of_means = _variance_of_means(tied, counted)
@@ -181,9 +234,9 @@ def _held_out(tied: TiedDeviations, i: int, leverage: Float[np.ndarray, "3 3"]) 
     whole[counted] = squares
     spread = _spread(tied, whole, counted, of_means, dof)
     K = leverage @ G
-    of_visits = tied.noise.variance[i] * np.eye(3) + of_means * K
+    of_visits = each.noise.variance[k] * np.eye(3) + of_means * K
+    shared = G @ tied.common[i] + (each.common[k] - tied.common[i])
+    alone = G @ residual + each.offsets[k]
     return length_limits(
-        DeviationParts(
-            G @ residual, K, of_visits, G @ tied.common[i], tied.noise.freedom_of(i), spread, tied=False
-        )
+        DeviationParts(alone, K, of_visits, shared, each.noise.freedom_of(k), spread, tied=False)
     )

@@ -18,14 +18,9 @@ from dataclasses import dataclass
 from core.calibration import MIN_POSES_TO_REJECT
 from core.errors import Advisory, GridposeError, listed
 from core.metrology import CycleProcess, PoseAccuracy
-from core.session.commanded_poses.frame_ties import (
-    Commands,
-    Visits,
-    by_positions,
-    by_whole_poses,
-    one_orientation,
-    oriented,
-)
+from core.session.commanded_poses.equal_commands import distinct_commands
+from core.session.commanded_poses.frame_ties import by_positions, by_whole_poses
+from core.session.commanded_poses.pose_arrays import Commands, Visits, one_orientation, oriented
 from core.session.commanded_poses.units import contradicted_unit
 from core.session.model import CameraMount, CommandedPose, MeasuredPose, SessionData, natural
 
@@ -88,7 +83,7 @@ def assess_accuracy(
     if not found:
         most = max(failures, key=lambda frame: (list(frames.values()).count(frame), -frame))
         return _unavailable(failures[most].detail, failures[most].advice)
-    return Accuracy(found, (*warnings, *_limits(found), *_incomplete(without)))
+    return Accuracy(found, (*warnings, *_limits(found, commands), *_incomplete(without)))
 
 
 def _compare(
@@ -100,7 +95,8 @@ def _compare(
     whole = [p for p, c in commands.items() if c.rotation() is not None and oriented(visits[p])]
     if not whole:
         return _by_positions(visits, commands, process)
-    if len(whole) >= MIN_POSES_TO_REJECT or 2 * len(whole) >= len(commands):
+    tying = distinct_commands({p: commands[p] for p in whole})
+    if tying >= MIN_POSES_TO_REJECT or 2 * tying >= distinct_commands(commands):
         try:
             return _by_poses(visits, commands, process, mount)
         except GridposeError as failure:
@@ -163,15 +159,16 @@ def _by_positions_instead(
     return Accuracy(accuracy.poses, (warning, *accuracy.warnings))
 
 
-def _limits(found: Mapping[str, PoseAccuracy]) -> list[Advisory]:
+def _limits(found: Mapping[str, PoseAccuracy], commands: Commands) -> list[Advisory]:
     """Say where few poses tie the frames, and where angles mean nothing."""
     warnings = []
     least = min(one.degrees_of_freedom for one in found.values())
+    count = distinct_commands({p: commands[p] for p in found})
     if least < FEW_DEGREES_OF_FREEDOM:
         warnings.append(
             Advisory(
                 "accuracy_weakly_determined",
-                f"The {len(found)} poses tie the frames with {least:.1f} degrees of freedom to spare: so few "
+                f"The {count} poses tie the frames with {least:.1f} degrees of freedom to spare: so few "
                 "leave the figures of accuracy uncertain by about their own size.",
                 "Add poses: five of one commanded orientation leave nine degrees of freedom, ten of any 24.",
             )

@@ -1,13 +1,14 @@
 """The camera on the robot's flange and the targets in its base, from a session's commanded poses; or a fixed camera in
 the base, and the target on the flange.
 
-Each commanded pose is a station before each target that its images show: the mean of its visits, before a print that
-may depart from its nominal grid (`core.session.absolute_poses`). What the lens and the prints do to all of them is
-carried through as common to all.
+Each command is a station before each target that its images show: the mean of its visits, before a print that may
+depart from its nominal grid (`core.session.absolute_poses`). Poses of one command are one station before a target
+(`.equal_commands`), and each has its own deviation from it. What the lens and the prints do to all of them is carried
+through as common to all.
 
-The stations of one pose share the robot's deviation, which the fit takes as independent. Its covariance is multiplied
-by the mean number of stations a pose has: that is exact where every pose is seen before as many targets and the
-robot's deviation is all there is, and too large otherwise.
+The stations of one command share the robot's deviation, which the fit takes as independent. Its covariance is
+multiplied by the mean number of stations a command has: that is exact where every one is seen before as many targets
+and the robot's deviation is all there is, and too large otherwise.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from jaxtyping import Float
 
 from core.calibration import (
     HandEyeCalibration,
+    HandEyeObservation,
     PoseResidual,
     average_station,
     scale_warnings,
@@ -30,6 +32,12 @@ from core.geometry import transform
 from core.kinematics import forward
 from core.session.absolute_poses import absolute_poses, stacked_errors
 from core.session.camera_mount import check_one_on_flange, moving_poses
+from core.session.commanded_poses.equal_commands import (
+    deviation_in_frames,
+    name_of,
+    pose_key,
+    stations_of,
+)
 from core.session.commanded_poses.likely_causes import calibrate_or_explain
 from core.session.estimate import ExcludedMeasurement, ExcludedPose, SessionEstimate
 from core.session.frame_warnings import gimbal_warnings
@@ -131,32 +139,44 @@ def calibrate_session_hand_eye(
     check_one_on_flange(data, [counted[i] for key in stations for i in visits[key]])
     counted = moving_poses(data, counted)
     common = shared_errors(counted) if nominal_prints else stacked_errors(counted)
-    tie = calibrate_or_explain(
-        [
-            average_station(
-                pose_id,
-                commanded[pose_id],
-                np.array([_transform(counted[i]) for i in visits[pose_id, target]]),
-                own_covariances([counted[i] for i in visits[pose_id, target]]),
-                None if common is None else common[visits[pose_id, target]].mean(axis=0),
-                targets.index(target),
-            )
-            for pose_id, target in stations
-        ],
-        data.camera_mount,
+
+    def observation(station: Sequence[tuple[str, int]]) -> HandEyeObservation:
+        seen = [i for key in station for i in visits[key]]
+        pose_id, target = station[0]
+        return average_station(
+            name_of([pose_id for pose_id, _ in station]),
+            commanded[pose_id],
+            np.array([_transform(counted[i]) for i in seen]),
+            own_covariances([counted[i] for i in seen]),
+            None if common is None else common[seen].mean(axis=0),
+            targets.index(target),
+        )
+
+    commands = {pose_id: pose_key(commanded[pose_id]) for pose_id, _ in stations}
+    merged = stations_of(
+        {(pose_id, target): (target, commands[pose_id]) for pose_id, target in stations},
+        {key: data.commanded[key[0]] for key in stations},
+        {key: [counted[i] for i in visits[key]] for key in stations},
     )
-    per_pose = len(stations) / len({pose_id for pose_id, _ in stations})
-    covariance = tie.covariance + (per_pose - 1.0) * tie.covariance_given_camera
+    tying = [observation(station) for station in merged]
+    tie = calibrate_or_explain(tying, data.camera_mount)
+    deviations = {
+        key: deviation_in_frames(tie, residual, tied, observation([key]))
+        for station, tied, residual in zip(merged, tying, tie.deviations, strict=True)
+        for key in station
+    }
+    per_command = len(merged) / len(set(commands.values()))
+    covariance = tie.covariance + (per_command - 1.0) * tie.covariance_given_camera
     scale = tie.scale
     if scale is not None:  # its uncertainty, too, is of stations that share the robot's deviation
-        scale = replace(scale, standard_uncertainty=math.sqrt(per_pose) * scale.standard_uncertainty)
+        scale = replace(scale, standard_uncertainty=math.sqrt(per_command) * scale.standard_uncertainty)
         tie = replace(tie, scale=scale)
     distance = float(
         np.median([np.linalg.norm(counted[i].position_mm) for key in stations for i in visits[key]])
     )
     found = tuple(
-        HandEyeStation(pose_id, target, len(visits[pose_id, target]), deviation)
-        for (pose_id, target), deviation in zip(stations, tie.deviations, strict=True)
+        HandEyeStation(pose_id, target, len(visits[pose_id, target]), deviations[pose_id, target])
+        for pose_id, target in stations
     )
     used = [station.deviation for station in found if station.deviation.used]
     return SessionHandEye(

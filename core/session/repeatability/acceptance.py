@@ -27,7 +27,7 @@ from core.metrology import (
     repeatability_reading,
     scatter_flaw,
 )
-from core.session.commanded_poses import MOUNT_UNLIKELY, SCALE_MISMATCHES
+from core.session.commanded_poses import MOUNT_UNLIKELY, SCALE_MISMATCHES, distinct_commands
 from core.session.model import SessionData, natural
 from core.session.repeatability.assessment import SessionRepeatability
 from core.session.repeatability.pose_figures import has_clusters
@@ -89,7 +89,7 @@ def assess_acceptance(data: SessionData, found: SessionRepeatability) -> Session
         by_itself = {p: _scatter(found, rows.get(p), limit, by_itself=True) for p in every}
         repeatability = _decided(limit, by_itself, spread)
     accuracy = _decided(
-        data.datasheet.accuracy_mm, {p: _deviation(found, rows.get(p)) for p in commanded}, off
+        data.datasheet.accuracy_mm, {p: _deviation(data, found, rows.get(p)) for p in commanded}, off
     )
     codes = {warning.code for warning in found.accuracy.warnings}
     if found.units is not None:
@@ -181,7 +181,7 @@ def _flaw(found: SessionRepeatability, row: PoseRow) -> str | None:
     return flaw
 
 
-def _deviation(found: SessionRepeatability, row: PoseRow | None) -> Reading:
+def _deviation(data: SessionData, found: SessionRepeatability, row: PoseRow | None) -> Reading:
     if row is None or not row.visits:
         return _NOTHING
     one = found.accuracy.poses.get(row.pose_id)
@@ -200,20 +200,21 @@ def _deviation(found: SessionRepeatability, row: PoseRow | None) -> Reading:
         wider,
         flaw=_flaw(found, row),
         cycles_share=share,
-        tie=_tie(found),
+        tie=_tie(data, found),
         frames=" in the frames that the other poses tie" if wider.upper > reading.upper else "",
     )
 
 
-def _tie(found: SessionRepeatability) -> FrameTie | None:
+def _tie(data: SessionData, found: SessionRepeatability) -> FrameTie | None:
     """Return what tied the frames of the session's poses; None where nothing is known of it."""
-    known = [(one, one.parts) for one in found.accuracy.poses.values() if one.parts is not None]
+    tied = {p: one for p, one in found.accuracy.poses.items() if one.parts is not None}
+    known = [(one, one.parts) for one in tied.values() if one.parts is not None]
     if not known or known[0][1].variance <= 0.0:
         return None
     variance = known[0][1].variance
     return FrameTie(
         variance,
-        len(known),
+        distinct_commands({p: data.commanded[p] for p in tied}),
         known[0][0].degrees_of_freedom,
         max(float(np.trace(parts.of_tie)) / (3.0 * variance) for _, parts in known),
         max(one.figures.position_mm or 0.0 for one, _ in known),

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from operator import is_
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -29,6 +28,7 @@ from core.metrology import (
     assess_distance,
     hides_scatter,
 )
+from core.session.commanded_poses import command_key
 from core.session.model import CommandedPose, MeasuredPose
 from core.session.repeatability.withheld import (
     MIN_SPREADS_APART,
@@ -221,13 +221,13 @@ def _approaches(
     warnings: list[Advisory],
 ) -> list[Approaches]:
     """Return vAP of every commanded pose that has two approaches."""
-    groups: dict[tuple[Any, ...], dict[str, list[str]]] = {}
+    groups: dict[tuple[Hashable, ...], dict[str, list[str]]] = {}
     for pose_id in readings:
         pose = commanded.get(pose_id)
-        key = None if pose is None or pose.approach is None else _commanded_key(pose)
+        key = None if pose is None or pose.approach is None else command_key(pose)
         if pose is not None and pose.approach is not None and key is not None:
             frame = readings[pose_id][0].frame
-            groups.setdefault((frame, *key), {}).setdefault(pose.approach, []).append(pose_id)
+            groups.setdefault((frame, key), {}).setdefault(pose.approach, []).append(pose_id)
     found = []
     for directions in groups.values():
         if len(directions) < 2:
@@ -262,18 +262,6 @@ def _approaches(
             )
         )
     return found
-
-
-def _commanded_key(pose: CommandedPose) -> tuple[Any, ...] | None:
-    """Return a key that is equal for poses with the same command; None where no command is known."""
-    angles = (pose.roll_deg, pose.pitch_deg, pose.yaw_deg)
-    if pose.position_mm is not None:
-        return (*_rounded(pose.position_mm), *(None if a is None else round(a, 6) for a in angles))
-    return None if pose.joint_angles_deg is None else ("joints", *_rounded(pose.joint_angles_deg))
-
-
-def _rounded(values: Sequence[float]) -> list[float]:
-    return [round(value, 6) for value in values]
 
 
 def _position(pose: CommandedPose | None) -> Float[np.ndarray, "3"] | None:

@@ -115,6 +115,35 @@ def test_stations_of_one_pose_are_not_counted_as_independent() -> None:
     np.testing.assert_allclose(added, tie.covariance_given_camera, rtol=1e-12)
 
 
+@pytest.mark.parametrize("targets", [1, 2])
+def test_ids_of_one_command_are_one_station(targets: int) -> None:
+    """The second cycle under an id of its own changes the frames by rounding, and which deviations are listed."""
+    data = session(6, 7, targets=targets, both=targets == 2)
+    one = calibrate_session_hand_eye(data, estimate_session(data))
+    images = [dataclasses.replace(i, pose_id=i.pose_id + "ab"[(i.cycle or 1) - 1]) for i in data.images]
+    commanded = {p + letter: c for p, c in data.commanded.items() for letter in "ab"}
+    divided = dataclasses.replace(data, images=tuple(images), commanded=commanded)
+    two = calibrate_session_hand_eye(divided, estimate_session(divided))
+    assert two.calibration.degrees_of_freedom == one.calibration.degrees_of_freedom
+    np.testing.assert_allclose(two.calibration.T_flange_camera, one.calibration.T_flange_camera, atol=1e-3)
+    # Twice as many stations of one variance would have uncertainties smaller by √2.
+    np.testing.assert_allclose(*(np.sqrt(np.diag(found.covariance)) for found in (two, one)), rtol=0.05)
+    assert [(s.pose_id, s.target, s.visits) for s in two.stations] == sorted(
+        (s.pose_id + letter, s.target, 1) for s in one.stations for letter in "ab"
+    )
+    twins = {
+        key: [s for s in two.stations if (s.pose_id[:-1], s.target) == key] for key in (("P3", 0), ("P5", 0))
+    }
+    for station in one.stations:
+        for twin in twins.get((station.pose_id, station.target), []):
+            # Both ids are held out: what the twin tied would be far less off.
+            apart = twin.deviation.position_mm - station.deviation.position_mm
+            assert np.linalg.norm(apart) < 0.2
+            np.testing.assert_allclose(
+                twin.deviation.held_out_position_mm, station.deviation.held_out_position_mm + apart, atol=1e-3
+            )
+
+
 def test_a_session_that_does_not_determine_the_frames_says_why() -> None:
     data = session(3, 6)
     estimate = estimate_session(data)
