@@ -184,7 +184,7 @@ class _Archive:
         return session
 
     def _read_rows(self, connection: sa.Connection, table: type[Table]) -> None:
-        spooled = tempfile.SpooledTemporaryFile(max_size=PIECE, dir=self._folder)  # noqa: SIM115
+        spooled = tempfile.SpooledTemporaryFile(max_size=PIECE, dir=str(self._folder))  # noqa: SIM115
         content = self._held.enter_context(spooled)
         digest, size, count = hashlib.sha256(), 0, 0
         for row in archived_rows(connection, table, self._session_id):

@@ -30,8 +30,7 @@ from core.metrology import (
 from core.session.commanded_poses import MOUNT_UNLIKELY, SCALE_MISMATCHES, distinct_commands
 from core.session.model import SessionData, natural
 from core.session.repeatability.assessment import SessionRepeatability
-from core.session.repeatability.pose_figures import has_clusters
-from core.session.repeatability.pose_rows import PoseRow, figures_by_itself
+from core.session.repeatability.pose_rows import PoseRow, figures_by_itself, has_clusters
 
 UNDETERMINED = "whose accuracy is not determined"
 UNITS = "measured and commanded poses are not in one unit"

@@ -1,4 +1,10 @@
-"""The poses of a session with the visits that count, those that do not and why, and the figures of each pose."""
+"""The poses of a session with the visits that count, those that do not and why, and the figures of each pose.
+
+The process that cycles follow is the robot's: heavy tails of one pose widen the intervals of all. Two kinds of visits
+are no evidence of it for other poses. A visit of another pose (`core.session.repeatability.visit_tags`) is a mistake of
+a tag. Outliers say nothing of lower ends: a robot that slipped once may slip again, so that the others' upper ends are
+those with it; but that it slips at another pose, too, is no reason to say that this one repeats worse than it reads.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +16,9 @@ import numpy as np
 from jaxtyping import Int
 
 from core.metrology import (
+    CLUSTERS,
     AccuracyDrift,
+    CycleProcess,
     Drift,
     PerComponent,
     PoseAccuracy,
@@ -25,12 +33,18 @@ from core.session.camera_mount import moving_poses
 from core.session.estimate import ExcludedMeasurement, SessionEstimate
 from core.session.model import MeasuredPose, SessionData, readings
 from core.session.repeatability.degraded_images import degraded_images, exclude_degraded
-from core.session.repeatability.pose_figures import figures_by_process, has_clusters
-from core.session.repeatability.steadiness import SessionSteadiness, not_steady, session_steadiness
+from core.session.repeatability.steadiness import (
+    SessionSteadiness,
+    not_steady,
+    process_without,
+    session_steadiness,
+)
 from core.session.repeatability.stops import BurstNoise, burst_noise, merge_bursts, with_burst_noise
 from core.session.repeatability.visit_tags import VisitTags, visit_tags, without_robot_verdict
 from core.session.repeatability.witness import Witness, WitnessMotion, without_motion, witness_motion
 from core.session.visits import cycles_of, positions_of, rotations_of
+
+_Intervals = PerComponent[tuple[float, float] | None]
 
 DRIFT_BLOCK = 10
 """Cycles of one block of drift."""
@@ -165,7 +179,7 @@ def _rows(
         {p: of_pose for p, of_pose in visits.items() if p not in tags.mixed},
         {one.visit.measurement_id for one in tags.mistaken},
     )
-    found = figures_by_process({p: visits[p] for p in several}, steadiness, tags)
+    found = _figures_by_process({p: visits[p] for p in several}, steadiness, tags)
     figures = {pose_id: _noise_unknown_said(one) for pose_id, one in found.items()}
     figures |= {
         pose_id: without_robot_verdict(figures[pose_id]) for pose_id in several if pose_id in unreliable
@@ -183,6 +197,55 @@ def _rows(
         for pose_id in visits
     )
     return PoseRows(tuple(rows), steadiness, tags, motion)
+
+
+def _figures_by_process(
+    visits: Mapping[str, Sequence[MeasuredPose]], steadiness: SessionSteadiness, tags: VisitTags
+) -> dict[str, PoseRepeatability]:
+    """Return the figures of poses, each with a visit at least, `steadiness` without visits of other poses."""
+    figures = _assessed(visits, steadiness.process)
+    mistaken = {one.visit.pose_id for one in tags.mistaken}
+    with_outliers = {name for name, one in figures.items() if one.outliers and name not in mistaken}
+    if mistaken:
+        of_all = process_without(steadiness, visits, ())
+        figures |= _assessed({name: visits[name] for name in mistaken}, of_all)
+    if with_outliers:
+        left_out = {one.visit.measurement_id for one in tags.mistaken} | {
+            visits[name][outlier.index].measurement_id
+            for name in with_outliers
+            for outlier in figures[name].outliers
+        }
+        others = {name: visits[name] for name in figures if name not in with_outliers | mistaken}
+        of_others = _assessed(others, process_without(steadiness, visits, left_out))
+        figures |= {name: _with_lower_ends(figures[name], one) for name, one in of_others.items()}
+    return {name: figures[name] for name in visits}
+
+
+def has_clusters(figures: PoseRepeatability) -> bool:
+    """Return whether a part of a pose's cycles lies far from the others: it is no scatter of one process."""
+    return any(warning.code in CLUSTERS for warning in figures.warnings)
+
+
+def _assessed(
+    visits: Mapping[str, Sequence[MeasuredPose]], process: CycleProcess
+) -> dict[str, PoseRepeatability]:
+    found = assess_cycles([cycles_of(of_pose) for of_pose in visits.values()], process=process)
+    return dict(zip(visits, found, strict=True))
+
+
+def _with_lower_ends(figures: PoseRepeatability, others: PoseRepeatability) -> PoseRepeatability:
+    return replace(
+        figures,
+        interval=_lowered(figures.interval, others.interval),
+        corrected_interval=_lowered(figures.corrected_interval, others.corrected_interval),
+    )
+
+
+def _lowered(one: _Intervals, other: _Intervals) -> _Intervals:
+    pairs = zip(one.items(), other.items(), strict=True)
+    return PerComponent(
+        *(a if a is None or b is None else (min(a[0], b[0]), a[1]) for (_, a), (_, b) in pairs)
+    )
 
 
 def figures_by_itself(row: PoseRow) -> PoseRepeatability | None:
