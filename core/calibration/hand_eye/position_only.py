@@ -23,7 +23,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.special import stdtrit
 
 from core.calibration.hand_eye.answer_checks import LARGE_DEVIATION
 from core.calibration.hand_eye.deviations import held_out_factors
@@ -37,7 +36,6 @@ from core.calibration.hand_eye.position_model import (
     jacobian,
     measurement,
     observable_directions,
-    predicted,
     residuals,
 )
 from core.calibration.hand_eye.position_start import best_start
@@ -59,7 +57,7 @@ class PositionOnlyCalibration:
     `covariance` (9, 9): the point, then d (mm) and w (rad) of T_base_target, R_true = exp(w) R. `deviations_mm` (n, 3)
     are attained - commanded in the base frame, `held_out_mm` the same with the frames tied by the other stations (None
     where those would not suffice), `used` the stations that tied the frames. `leverage` and `common` are as in
-    `PoseResidual`, of positions alone; `scale` as in `HandEyeCalibration`.
+    `PoseResidual`, of positions alone; `robot_position_mm` and `scale` as in `HandEyeCalibration`.
     """
 
     T_base_target: Float[np.ndarray, "4 4"]
@@ -67,7 +65,6 @@ class PositionOnlyCalibration:
     covariance: Float[np.ndarray, "9 9"]
     robot_position_mm: float
     degrees_of_freedom: float
-    pose_ids: tuple[str, ...]
     deviations_mm: Float[np.ndarray, "n 3"]
     held_out_mm: tuple[Float[np.ndarray, "3"] | None, ...]
     used: Bool[np.ndarray, " n"]
@@ -75,11 +72,6 @@ class PositionOnlyCalibration:
     leverage: Float[np.ndarray, "n 3 3"]
     common: Float[np.ndarray, "n 3 k"]
     scale: ScaleDifference | None
-
-    @property
-    def coverage_factor(self) -> float:
-        """Half a 95 % interval in standard uncertainties."""
-        return float(stdtrit(self.degrees_of_freedom, 0.975))
 
     def attained(self, T_target_camera: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 3"]:
         """Return where the commanded point was, base frame, mm."""
@@ -148,7 +140,6 @@ def calibrate_from_positions(stations: Sequence[PositionObservation]) -> Positio
         covariance=C,
         robot_position_mm=deviation,
         degrees_of_freedom=_surplus(problem, used),
-        pose_ids=tuple(s.pose_id for s in stations),
         deviations_mm=-residuals(result.state, problem),
         held_out_mm=_held_out(result, problem, deviation, used),
         used=used,

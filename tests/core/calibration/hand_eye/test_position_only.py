@@ -6,10 +6,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
-from core.calibration.hand_eye import PositionOnlyCalibration, calibrate_from_positions
+from core.calibration.hand_eye import PositionObservation, PositionOnlyCalibration, calibrate_from_positions
 from core.errors import InvalidArgument, MotionInsufficient
-from core.geometry.se3 import so3_exp, so3_log, transform
+from core.geometry.se3 import so3_exp, so3_log, transform, transform_points
 from tests.support.simulation.hand_eye_poses import POINT_CAMERA_MM, T_BASE_TARGET, draw_position_stations
 
 
@@ -19,6 +20,12 @@ def errors(tie: PositionOnlyCalibration) -> np.ndarray:
     return np.concatenate([POINT_CAMERA_MM - tie.point_camera_mm, T_BASE_TARGET[:3, 3] - T[:3, 3], turn])
 
 
+def attained(tie: PositionOnlyCalibration, station: PositionObservation) -> np.ndarray:
+    """Where the commanded point was, base frame, mm."""
+    T_base_camera = tie.T_base_target @ station.T_target_camera
+    return transform_points(T_base_camera, tie.point_camera_mm[None])[0]
+
+
 @pytest.mark.parametrize("turns", ["free", "about_z", "none"])
 @pytest.mark.parametrize("count", [4, 12])
 def test_deviations_are_reported_whatever_the_turning(turns: str, count: int) -> None:
@@ -26,9 +33,8 @@ def test_deviations_are_reported_whatever_the_turning(turns: str, count: int) ->
     given = draw_position_stations(np.random.default_rng(1), count, turns=turns, robot_mm=1e-6)
     tie = calibrate_from_positions(given)
     assert np.linalg.norm(tie.deviations_mm, axis=1).max() < 0.3  # the camera's noise
-    attained = tie.attained(np.array([s.T_target_camera for s in given]))
-    commanded = np.array([s.position_base_mm for s in given])
-    np.testing.assert_allclose(attained - commanded, tie.deviations_mm, atol=1e-9)
+    for s, deviation in zip(given, tie.deviations_mm, strict=True):
+        np.testing.assert_allclose(attained(tie, s) - s.position_base_mm, deviation, atol=1e-9)
     uncertainty = np.sqrt(np.diag(tie.covariance))
     if turns == "free":
         assert np.all(np.abs(errors(tie)) < 4.5 * uncertainty)
@@ -44,7 +50,8 @@ def test_intervals_cover_95_percent(turns: str, count: int) -> None:
     for _ in range(200):
         tie = calibrate_from_positions(draw_position_stations(rng, count, turns=turns))
         kept = slice(0, 9) if turns == "free" else slice(6, 9)
-        inside.append((np.abs(errors(tie)) < tie.coverage_factor * np.sqrt(np.diag(tie.covariance)))[kept])
+        interval = stdtrit(tie.degrees_of_freedom, 0.975) * np.sqrt(np.diag(tie.covariance))
+        inside.append((np.abs(errors(tie)) < interval)[kept])
         robot.append(tie.robot_position_mm)
     # 200 fits of 3 to 9 components that share much: a standard error of .8 to 1 %.
     assert 0.92 < np.mean(inside) < 0.98
@@ -69,7 +76,7 @@ def test_held_out_is_what_the_other_positions_say() -> None:
     tie = calibrate_from_positions(given)
     for i in (0, 5):
         others = calibrate_from_positions(given[:i] + given[i + 1 :])
-        expected = others.attained(given[i].T_target_camera[None])[0] - given[i].position_base_mm
+        expected = attained(others, given[i]) - given[i].position_base_mm
         held_out = tie.held_out_mm[i]
         assert held_out is not None
         np.testing.assert_allclose(held_out, expected, atol=0.02)
