@@ -89,7 +89,8 @@ def _robot(found: RobotIdentification, data: SessionData) -> dict[str, Any]:
     return {
         "joints": [
             {
-                **joint_document(joint.estimate, joint.poses),
+                **joint_document(joint.estimate),
+                "poses": joint.poses,
                 "residual": held_out_document(joint.residual) if joint.residual is not None else None,
             }
             for joint in found.joints
@@ -186,7 +187,7 @@ def _target_ids(found: RobotIdentification, data: SessionData) -> list[str | Non
     return [data.target_ids[place] for place in found.targets] or [None] * len(found.T_target_base)
 
 
-def joint_document(joint: JointEstimate, poses: int) -> dict[str, Any]:
+def joint_document(joint: JointEstimate) -> dict[str, Any]:
     """Return one joint's parameters and standard uncertainties, in mm and degrees; null where undetermined."""
     values = _parameters(joint.parameters)
     if not joint.parallel_to_next and joint.parameters.beta_rad == 0.0:
@@ -205,8 +206,6 @@ def joint_document(joint: JointEstimate, poses: int) -> dict[str, Any]:
         "nominal": nominal,
         "identifiable": {API_NAMES[name]: determined for name, determined in joint.identifiable.items()},
         "arc_deg": math.degrees(joint.arc_rad),
-        "poses": poses,
-        "residual": None,
     }
 
 

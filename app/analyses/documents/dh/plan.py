@@ -127,7 +127,7 @@ def _document(
 
 def _joints(planned: Prediction) -> list[dict[str, Any]]:
     return [
-        {name: value for name, value in joint_document(joint, 0).items() if name in _JOINT_FIELDS}
+        {name: value for name, value in joint_document(joint).items() if name in _JOINT_FIELDS}
         for joint in planned.joints
     ]
 
