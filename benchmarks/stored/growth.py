@@ -15,6 +15,7 @@ import numpy as np
 
 from app.analyses.worker import analyse
 from app.cli.demo.service_process import ServiceProcess
+from app.cli.demo.session import joint_rows
 from app.client import ServiceClient
 from app.records.database import Database
 from app.settings import Settings
@@ -24,7 +25,6 @@ from core.geometry import Camera, invert, project, rotation_to_rpy, transform_po
 from core.kinematics import forward
 from core.simulation import KR5_ARC, KR5_ARC_HOME, KR5_ARC_LIMITS, Arm, kr5_arc, sample_viewing_configurations
 from core.targets import GridPoints, TargetSpec
-from tests.support.sessions.kinematics import rows_of
 from tests.support.sessions.robot_session import SETTINGS
 
 GRID = TargetSpec("chessboard", 6, 5, 40.0)
@@ -81,7 +81,7 @@ def _stored(folder: Path, counts: tuple[int, ...], seed: int) -> list[str]:
         ServiceProcess(folder, {"GRIDPOSE_WORKERS": "0"}) as service,
         ServiceClient(service.url, service.admin_key) as client,
     ):
-        robot_id = client.create("/v1/robots", {"name": "KR5", "joints": rows_of(KR5_ARC)})["id"]
+        robot_id = client.create("/v1/robots", {"name": "KR5", "joints": joint_rows(KR5_ARC)})["id"]
         target_id = client.create("/v1/targets", {**target, "pitch_mm": GRID.pitch_mm})["id"]
         for count in counts:
             session = {"name": f"{count}", "target_ids": [target_id], "robot_id": robot_id}

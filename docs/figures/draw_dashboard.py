@@ -18,10 +18,10 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 from app.cli.demo.service_process import ServiceProcess
+from app.cli.demo.session import joint_rows
 from app.client import ServiceClient
 from core.simulation import KR5_ARC
 from tests.support.contract.cell import TARGET, CellImage, take_images
-from tests.support.sessions.kinematics import rows_of
 
 PROJECT = Path(__file__).parents[2]
 ALL = PROJECT / "build" / "screenshots"
@@ -48,7 +48,7 @@ def fill(client: ServiceClient) -> dict[str, str]:
         "/v1/robots",
         {
             **{"name": "KR 5 arc, cell 4", "manufacturer": "KUKA", "model": "KR 5 arc"},
-            **{"joints": rows_of(KR5_ARC)},
+            **{"joints": joint_rows(KR5_ARC)},
             **{"datasheet_repeatability_mm": 0.1, "datasheet_accuracy_mm": 0.6},
         },
     )["id"]

@@ -13,11 +13,12 @@ from starlette.testclient import TestClient
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
+from app.cli.demo.session import joint_rows
 from app.main import create_app
 from app.settings import Settings
 from core.simulation import KR5_ARC
 from tests.support.service.service import Api
-from tests.support.sessions.kinematics import measured, readings, rows_of
+from tests.support.sessions.kinematics import measured, readings
 from tests.support.sessions.stored_sessions import BOARD, board_fields, shoot, store_shots
 
 FOLDER = Path(__file__).parent
@@ -41,7 +42,7 @@ def main() -> None:
             client.headers.update(api.key("admin"))
             robot = {
                 "name": "KR 5 arc, cell 4",
-                "joints": rows_of(KR5_ARC),
+                "joints": joint_rows(KR5_ARC),
                 "manufacturer": "KUKA",
                 "model": "KR 5 arc",
                 "serial_number": "412",

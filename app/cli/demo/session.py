@@ -196,7 +196,7 @@ def run_session(
 
 def describe_robot(client: ServiceClient) -> str:
     """Create the robot with its data sheet's parameters; return its id."""
-    return str(client.create("/v1/robots", {"name": "KUKA KR5 Arc", "joints": _joints(KR5_ARC)})["id"])
+    return str(client.create("/v1/robots", {"name": "KUKA KR5 Arc", "joints": joint_rows(KR5_ARC)})["id"])
 
 
 def describe_session(client: ServiceClient, session: DemoSession, robot_id: str) -> str:
@@ -222,7 +222,8 @@ def describe_session(client: ServiceClient, session: DemoSession, robot_id: str)
     return session_id
 
 
-def _joints(chain: Chain) -> list[Json]:
+def joint_rows(chain: Chain) -> list[Json]:
+    """Return a robot's joints as `POST /v1/robots` takes them."""
     return [
         {
             "a_mm": joint.a_mm,

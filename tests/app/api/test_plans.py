@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 
 from app.api.schemas.analyses import DhPlan
+from app.cli.demo.session import joint_rows
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, T_FLANGE_CAMERA
 from tests.support.service.service import Api, ApiMaker, assert_problem
 
@@ -27,15 +27,7 @@ def api(open_api: ApiMaker) -> Iterator[Api]:
 
 
 def make_robot(api: Any, limits: Any = None) -> str:
-    joints = [
-        {
-            "a_mm": j.a_mm,
-            "alpha_deg": math.degrees(j.alpha_rad),
-            "d_mm": j.d_mm,
-            "theta_offset_deg": math.degrees(j.theta_offset_rad),
-        }
-        for j in KR5_ARC.joints
-    ]
+    joints = joint_rows(KR5_ARC)
     for joint, (low, high) in zip(
         joints, () if limits is None else np.degrees(limits).tolist(), strict=False
     ):

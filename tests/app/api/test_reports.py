@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
+from app.cli.demo.session import joint_rows
 from app.records.tables import Report, ReportForm
 from app.reports.signature import check_file
 from core.simulation import KR5_ARC
@@ -20,7 +21,7 @@ from tests.support.jobs.runners import compute
 from tests.support.report_texts import page_text, technical_words
 from tests.support.service.originals import original_path
 from tests.support.service.service import Api, ApiMaker, assert_problem, wait_until
-from tests.support.sessions.kinematics import measured, readings, rows_of
+from tests.support.sessions.kinematics import measured, readings
 from tests.support.sessions.stored_sessions import BOARD, board_fields, shoot, store_shots
 from tests.support.sessions.tracked_robot import drawn_poses, send
 from tests.support.sessions.tracked_robot import readings as tracked
@@ -120,7 +121,7 @@ def test_drawings_of_many_poses_take_several_pages(running: Api) -> None:
 
 
 def test_a_report_on_kinematics_is_in_words(running: Api) -> None:
-    robot = {"name": "KR 5 arc, cell 4", "joints": rows_of(KR5_ARC)}
+    robot = {"name": "KR 5 arc, cell 4", "joints": joint_rows(KR5_ARC)}
     robot_id = running.client.post("/v1/robots", json=robot).json()["id"]
     session_id = running.make_session(running.make_target(**board_fields(BOARD)), robot_id=robot_id)
     stored = running.client.post(f"/v1/sessions/{session_id}/measured-poses", json=readings(measured()[1]))
@@ -211,7 +212,7 @@ def test_a_report_verifies_from_its_originals_until_one_changes(running: Api, bo
 
 def test_a_report_is_computed_from_what_it_was_made_from_until_grid_points_are_deleted(running: Api) -> None:
     target_id = running.make_target(**board_fields(BOARD))
-    robot = {"name": "KR 5 arc", "joints": rows_of(KR5_ARC), "datasheet_repeatability_mm": 0.1}
+    robot = {"name": "KR 5 arc", "joints": joint_rows(KR5_ARC), "datasheet_repeatability_mm": 0.1}
     robot_id = running.client.post("/v1/robots", json=robot).json()["id"]
     session_id = running.make_session(target_id, robot_id=robot_id, conditions=CONDITIONS)
     shots = shoot(poses=2, cycles=4)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from app.cli.demo.session import joint_rows
 from app.client import (
     ClientError,
     ServiceClient,
@@ -28,7 +29,6 @@ from core.simulation import KR5_ARC
 from tests.support.contract.checked_transport import CheckedAnswer, CheckedTransport
 from tests.support.contract.contract import Contract
 from tests.support.service.service import ApiMaker
-from tests.support.sessions.kinematics import rows_of
 
 PROJECT = Path(__file__).parents[3]
 METHODS = {
@@ -121,7 +121,7 @@ def test_all_that_the_client_sends_and_reads_is_in_the_contract(
     with serve_api(workers=1, lent_workers=True) as api:
         url, key = str(api.client.base_url), api.client.headers["authorization"].removeprefix("Bearer ")
         with ServiceClient(url, key, transport=transport) as client:
-            robot_id = client.create("/v1/robots", {"name": "KR5", "joints": rows_of(KR5_ARC)})["id"]
+            robot_id = client.create("/v1/robots", {"name": "KR5", "joints": joint_rows(KR5_ARC)})["id"]
             assert find_robot(client, "KR5")["id"] == robot_id
             session_id, _ = find_or_make_session(client, "shift", "chessboard:9x6:25")
             assert find_or_make_session(client, "shift", "chessboard:9x6:25")[0] == session_id

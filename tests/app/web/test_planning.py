@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from app.analyses.outcome import AnalysisRefused
+from app.cli.demo.session import joint_rows
 from app.web.pages import environment
 from app.web.words import fixed, number
 from core.simulation.arm import KR5_ARC
 from tests.app.web.test_pages import signed_in
 from tests.support.service.service import ApiMaker
-from tests.support.sessions.kinematics import make_robot, readings, rows_of
+from tests.support.sessions.kinematics import make_robot, readings
 from tests.support.sessions.robot_session import store_robot_session
 from tests.support.sessions.stored_sessions import body, new_session, shoot, store_shots
 from tests.support.sessions.tracked_robot import send
@@ -189,7 +190,7 @@ def test_next_views_of_a_robot_are_offered_where_its_images_are(api: Any) -> Non
 @pytest.mark.slow
 def test_the_robot_page_shows_repeatability_elsewhere(api: Any) -> None:
     robot = make_robot(api)
-    limited = [{**row, "minimum_deg": -90.0, "maximum_deg": 90.0} for row in rows_of(KR5_ARC)]
+    limited = [{**row, "minimum_deg": -90.0, "maximum_deg": 90.0} for row in joint_rows(KR5_ARC)]
     assert api.client.patch(f"/v1/robots/{robot}", json={"joints": limited}).status_code == 200
     session = new_session(api, robot_id=robot)
     _, data, _ = repeated_poses(21, poses=8, visits=8)

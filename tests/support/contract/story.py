@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from app.cli.demo.session import joint_rows
 from core.simulation import KR5_ARC, KR5_ARC_HOME, T_FLANGE_CAMERA
 from tests.support.contract.cell import CAMERA, SIZE_PX, TARGET, take_images
 from tests.support.contract.requests import CSV, TIMEOUT_S, create, done, listed, report_made, wait
 from tests.support.contract.tracker_story import history, joint_noise, tracker
 from tests.support.image.images import small_image
 from tests.support.service.service import OCTETS, Api, image_address, wait_until
-from tests.support.sessions.kinematics import rows_of
 
 POSES, REPEATED, CYCLES = 8, 2, 10
 _COMMANDED_CSV = """\
@@ -36,7 +36,7 @@ def use_every_operation(api: Api) -> None:
         "/v1/robots",
         {
             "name": "KR 5 arc, cell 4",
-            "joints": rows_of(KR5_ARC),
+            "joints": joint_rows(KR5_ARC),
             "manufacturer": "KUKA",
             "model": "KR 5 arc",
             "datasheet_repeatability_mm": 0.1,
@@ -215,7 +215,7 @@ def _reports(client: Any, session_id: str) -> None:
 
 def _removals(client: Any) -> None:
     """Follow a session, to which an image is sent, until it is deleted, and delete all that can be."""
-    robot = {"name": "spare", "joints": rows_of(KR5_ARC)}
+    robot = {"name": "spare", "joints": joint_rows(KR5_ARC)}
     target = {"name": "spare", "kind": "circles", "columns": 7, "rows": 5, "pitch_mm": 20.0}
     robot_id, target_id = (
         client.post(path, json=body).json()["id"]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from app.api.schemas.analyses import DhAnalysis
+from app.cli.demo.session import joint_rows
 from core.geometry.se3 import invert
 from core.kinematics.dh import Chain, forward
 from core.kinematics.pose_observations import PoseData
@@ -24,20 +25,8 @@ NAMES = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg")
 ROBOT = Repeatability(0.05, math.radians(0.004))
 
 
-def rows_of(chain: Chain) -> list[dict[str, float]]:
-    return [
-        {
-            "a_mm": j.a_mm,
-            "alpha_deg": math.degrees(j.alpha_rad),
-            "d_mm": j.d_mm,
-            "theta_offset_deg": math.degrees(j.theta_offset_rad),
-        }
-        for j in chain.joints
-    ]
-
-
 def make_robot(api: Any, chain: Chain = KR5_ARC) -> str:
-    response = api.client.post("/v1/robots", json={"name": "KR5", "joints": rows_of(chain)})
+    response = api.client.post("/v1/robots", json={"name": "KR5", "joints": joint_rows(chain)})
     assert response.status_code == 201, response.text
     return str(response.json()["id"])
 

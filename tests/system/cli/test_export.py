@@ -15,6 +15,7 @@ import yaml
 from pytransform3d.urdf import UrdfTransformManager
 
 from app.cli.demo.service_process import ServiceProcess
+from app.cli.demo.session import joint_rows
 from app.client import ServiceClient
 from core.kinematics.dh import Chain, forward
 from tests.support.command_line import run_here_at
@@ -37,14 +38,9 @@ def make_session(service: ServiceProcess) -> None:
     angles = np.radians([[a, b] for a in (-40, 0, 40) for b in (-60, 0, 60)])
     with ServiceClient(service.url, service.admin_key) as client:
         target_id = client.create("/v1/targets", TARGET)["id"]
-        joints: list[dict[str, Any]] = [
-            {
-                "a_mm": j.a_mm + 1.0,
-                "alpha_deg": math.degrees(j.alpha_rad) + 0.1,
-                "d_mm": j.d_mm,
-                "theta_offset_deg": math.degrees(j.theta_offset_rad),
-            }
-            for j in TWO_AXES.joints
+        joints = [
+            {**row, "a_mm": row["a_mm"] + 1.0, "alpha_deg": row["alpha_deg"] + 0.1}
+            for row in joint_rows(TWO_AXES)
         ]
         joints[0] |= {"name": "lean", "minimum_deg": -100.0, "maximum_deg": 95.0}
         robot_id = client.create("/v1/robots", {"name": "Positioner", "joints": joints})["id"]

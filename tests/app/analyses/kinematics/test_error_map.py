@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from app.api.schemas.analyses import KinematicErrorAnalysis
+from app.cli.demo.session import joint_rows
 from app.reports.forms import symbols
 from core.simulation.arm import KR5_ARC, KR5_ARC_LIMITS
 from tests.support.service.signed_in import signed_in
-from tests.support.sessions.kinematics import make_robot, readings, rows_of
+from tests.support.sessions.kinematics import make_robot, readings
 from tests.support.sessions.stored_sessions import body, new_session, problem
 from tests.support.sessions.tracked_robot import send
 from tests.support.simulation.robots.real_arms import angles_within_limits, measured, real_arm
@@ -30,7 +31,7 @@ def session(api: Any) -> str:
     robot = make_robot(api)
     joints = [
         {**row, "minimum_deg": low, "maximum_deg": high}
-        for row, (low, high) in zip(rows_of(KR5_ARC), np.degrees(KR5_ARC_LIMITS).tolist(), strict=True)
+        for row, (low, high) in zip(joint_rows(KR5_ARC), np.degrees(KR5_ARC_LIMITS).tolist(), strict=True)
     ]
     assert api.client.patch(f"/v1/robots/{robot}", json={"joints": joints}).status_code == 200
     made: str = new_session(api, robot_id=robot)

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from app.api.schemas.analyses import JointNoiseAnalysis
+from app.cli.demo.session import joint_rows
 from core.simulation.arm import KR5_ARC, KR5_ARC_LIMITS
-from tests.support.sessions.kinematics import make_robot, readings, rows_of
+from tests.support.sessions.kinematics import make_robot, readings
 from tests.support.sessions.stored_sessions import body, new_session, problem
 from tests.support.sessions.tracked_robot import send
 from tests.support.simulation.robots.repeated_poses import JOINT_SIGMA, repeated_poses
@@ -39,7 +40,7 @@ def session(api: Any) -> str:
     pairs = limits if limits.shape[1] == 2 else limits.T
     joints = [
         {**row, "minimum_deg": low, "maximum_deg": high}
-        for row, (low, high) in zip(rows_of(KR5_ARC), pairs.tolist(), strict=True)
+        for row, (low, high) in zip(joint_rows(KR5_ARC), pairs.tolist(), strict=True)
     ]
     assert api.client.patch(f"/v1/robots/{robot}", json={"joints": joints}).status_code == 200
     made: str = new_session(api, robot_id=robot)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.cli.demo.session import joint_rows
 from app.client.commands.measured_poses.layout import ColumnLayout
 from app.client.commands.measured_poses.parser import parse_poses
 from app.client.commands.record_files import read_records
@@ -22,7 +23,6 @@ from tests.support.sessions.kinematics import (
     measured,
     of_readings,
     readings,
-    rows_of,
 )
 from tests.support.sessions.stored_sessions import (
     new_session,
@@ -57,7 +57,7 @@ def test_all_poses_at_once_find_the_robot(api: Any) -> None:
     others = free_angles(np.random.default_rng(99), KR5_ARC_HOME, 50)
     assert error_mm(found, arm, others) < 0.2 < nominal_error_mm(found, arm, others)
     # What does not hang on conventions lies within its uncertainty.
-    true = rows_of(arm.chain)
+    true = joint_rows(arm.chain)
     scores = [
         (found["joints"][i][name] - true[i][name]) / found["joints"][i]["standard_uncertainty"][name]
         for i in range(5)

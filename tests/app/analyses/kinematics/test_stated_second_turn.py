@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.cli.demo.session import joint_rows
 from core.simulation.arm import KR5_ARC
 from tests.support.service.signed_in import signed_in
 from tests.support.sessions.kinematics import (
@@ -17,7 +18,6 @@ from tests.support.sessions.kinematics import (
     measured,
     of_readings,
     readings,
-    rows_of,
 )
 from tests.support.sessions.stored_sessions import new_session
 from tests.support.sessions.tracked_robot import send
@@ -30,7 +30,7 @@ def test_the_nominal_s_second_turn_is_compared_and_hashed(api: Any) -> None:
     send(api, session, readings(poses))
 
     def found(beta_deg: float | None, *, stated: bool = True) -> dict[str, Any]:
-        joints: list[dict[str, Any]] = [*rows_of(KR5_ARC)]
+        joints: list[dict[str, Any]] = [*joint_rows(KR5_ARC)]
         if stated:
             joints[1] = {**joints[1], "beta_deg": beta_deg}
         changed = api.client.patch(f"/v1/robots/{robot}", json={"joints": joints})
@@ -63,7 +63,7 @@ def test_the_nominal_s_second_turn_is_compared_and_hashed(api: Any) -> None:
 def test_a_robot_that_is_the_arm_has_nothing_to_differ_from(api: Any) -> None:
     arm, poses = measured(2, free=30)
     truth = arm.chain.as_array()
-    joints: list[dict[str, Any]] = rows_of(arm.chain)
+    joints: list[dict[str, Any]] = joint_rows(arm.chain)
     joints[1]["beta_deg"] = math.degrees(truth[1, 4])
     made = api.client.post("/v1/robots", json={"name": "as built", "joints": joints})
     assert made.status_code == 201, made.text
