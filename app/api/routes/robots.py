@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import Query, Request, Response
 from starlette.concurrency import run_in_threadpool
@@ -133,16 +133,12 @@ async def create_dh_plan(
 
     Nothing is stored. The robot's nominal parameters are used, and a grid straight before the camera at home.
     """
-    robot, target = await run_in_threadpool(_read_plan, service, robot_id, body.target_id)
+    database = service.installation.database
+    robot, target = await run_in_threadpool(read_plan, database, robot_id, body.target_id)
     asked = body.model_dump(exclude={"target_id"})
     plan = await run_while_connected(request, service.analyses.plan(robot, target, asked, requester))
     document = {"robot_id": robot_id, "target_id": body.target_id, **json.loads(plan)}
     return answer_document("dh_plan", DhPlan, document, form)
-
-
-def _read_plan(service: AppContext, robot_id: str, target_id: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    with service.installation.database.read() as records:
-        return read_plan(records, robot_id, target_id)
 
 
 @plans.post(

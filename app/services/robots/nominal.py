@@ -130,23 +130,24 @@ def delete_robot(records: orm.Session, robot_id: str) -> None:
     records.delete(robot)
 
 
-def read_plan(records: orm.Session, robot_id: str, target_id: str) -> tuple[dict[str, Any], dict[str, Any]]:
+def read_plan(database: Database, robot_id: str, target_id: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the robot's `joints` and `joint_coupling`, and the target's fields.
 
     Raises NotFound for the robot, InvalidContent for the target, RowUnreadable for either.
     """
-    robot = get_or_raise(records, Robot, robot_id)
-    if not exists(records, Target, target_id):
-        raise InvalidContent(
-            "There is no such target.",
-            "Make the target first.",
-            code="referenced_target_not_found",
-            errors=[("target_id", "names no target")],
-        )
-    target = get_or_raise(records, Target, target_id)
-    require_readable(robot)
-    require_readable(target)
-    return {"joints": robot.joints, "joint_coupling": robot.joint_coupling}, target_fields(target)
+    with database.read() as records:
+        robot = get_or_raise(records, Robot, robot_id)
+        if not exists(records, Target, target_id):
+            raise InvalidContent(
+                "There is no such target.",
+                "Make the target first.",
+                code="referenced_target_not_found",
+                errors=[("target_id", "names no target")],
+            )
+        target = get_or_raise(records, Target, target_id)
+        require_readable(robot)
+        require_readable(target)
+        return {"joints": robot.joints, "joint_coupling": robot.joint_coupling}, target_fields(target)
 
 
 def limits_setting(database: Database, session_id: str) -> str:

@@ -69,7 +69,8 @@ async def show_robot_plan(
         }
         try:
             asked["home_deg"] = angles_of(home, len(robot.joints))
-            described, grid = await run_in_threadpool(_read_plan, service, robot_id, target)
+            database = service.installation.database
+            described, grid = await run_in_threadpool(read_plan, database, robot_id, target)
             answer = service.analyses.plan(described, grid, asked, await get_requester(request))
             plan = json.loads(await run_while_connected(request, answer))
         except (Conflict, InvalidContent) as reason:
@@ -131,8 +132,3 @@ def plan_rows(plan: dict[str, Any]) -> list[dict[str, Any]]:
 def _read(service: Service, robot_id: str) -> tuple[Robot, list[Target]]:
     with service.installation.database.read() as records:
         return get_or_raise(records, Robot, robot_id), known_targets(records)
-
-
-def _read_plan(service: Service, robot_id: str, target_id: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    with service.installation.database.read() as records:
-        return read_plan(records, robot_id, target_id)
