@@ -24,7 +24,6 @@ from jaxtyping import Float, Int
 
 from core.calibration.multi_view import CommonFit, in_target_frame
 from core.calibration.target_shape.covariance_factors import compressed_by_source, inverse, triangular_root
-from core.calibration.target_shape.deformation import Measure
 from core.calibration.target_shape.departures import LENS, PRINT_SCALE, ShapePrior
 from core.calibration.target_shape.print_bundle import BundleState, BundleSystem, PrintBundle
 from core.geometry import so3_log
@@ -37,9 +36,8 @@ class MarginalPoses:
     `place` (k,) says which pose each image shows. `moved_mm` and `turned` (m, 3) lead from the fit's poses to these:
     p + moved, exp(turned) R. `common` (m, 6, e) is what one standard uncertainty of each error that all poses share
     does to them; `sources` (e,) says of which: `lens` (and sensor), `print_scale` or `print_shape`. `of_camera` is that
-    of the camera alone, were the prints perfect. `departures` are those found by target and name, in their prior's
-    standard uncertainties; `inflation` is the data's. `camera_moved` (f,) leads from the fit's camera to this one's,
-    and `camera_of_print` (f, f) is the covariance of the latter that is the departures'.
+    of the camera alone, were the prints perfect. `camera_moved` (f,) leads from the fit's camera to this one's, and
+    `camera_of_print` (f, f) is the covariance of the latter that is the departures'.
     """
 
     place: Int[np.ndarray, " k"]
@@ -48,8 +46,6 @@ class MarginalPoses:
     common: Float[np.ndarray, "m 6 e"]
     sources: tuple[str, ...]
     of_camera: Float[np.ndarray, "m 6 c"]
-    departures: tuple[dict[str, Measure], ...]
-    inflation: float
     camera_moved: Float[np.ndarray, " f"]
     camera_of_print: Float[np.ndarray, "f f"]
 
@@ -68,10 +64,10 @@ def marginalise_shape(
     # The data's noise grows; the priors stay as stated.
     bundle = bundle.with_noise_of(math.sqrt(growth))
     state, system = bundle.solved(state)
-    return _result(bundle, state, system, math.sqrt(growth))
+    return _result(bundle, state, system)
 
 
-def _result(bundle: PrintBundle, state: BundleState, system: BundleSystem, inflation: float) -> MarginalPoses:
+def _result(bundle: PrintBundle, state: BundleState, system: BundleSystem) -> MarginalPoses:
     C = system.covariance()
     sensor = slice(0, bundle.free + 1)  # the camera and the sensor's skew
     of_print_known = inverse(system.information[sensor, sensor])
@@ -81,23 +77,15 @@ def _result(bundle: PrintBundle, state: BundleState, system: BundleSystem, infla
     # it known, with what the camera makes of it.
     common = -J @ system.follows @ triangular_root(system.information)
     of_camera = common[:, :, : bundle.free]
-    found = []
     scales = np.zeros((len(bundle.views), 6, len(bundle.departures)))
     centroids = np.array([view.centroid for view in bundle.views])
     places = centroids - np.einsum("mji,mj->mi", state.rotations, state.translations_mm)
     for k, (departures, begin) in enumerate(zip(bundle.departures, bundle.first, strict=True)):
-        here = slice(begin, begin + len(departures.names))
-        sigma = np.sqrt(np.maximum(np.diag(C[here, here]), 0.0))
-        found.append(
-            {
-                name: Measure(float(v), float(u))
-                for name, v, u in zip(departures.names, state.shared[here], sigma, strict=True)
-            }
-        )
-        if "aspect" in found[k] and not departures.certified:
-            aspect = found[k]["aspect"]
+        if "aspect" in departures.names and not departures.certified:
+            here = begin + departures.names.index("aspect")
+            uncertainty = math.sqrt(max(float(C[here, here]), 0.0))
             left = departures.scale_left(
-                departures.aspect * aspect.value, departures.aspect * aspect.standard_uncertainty
+                departures.aspect * float(state.shared[here]), departures.aspect * uncertainty
             )
             of_target = np.array([view.target == k for view in bundle.views])
             scales[of_target, :3, k] = left * places[of_target]
@@ -120,8 +108,6 @@ def _result(bundle: PrintBundle, state: BundleState, system: BundleSystem, infla
         common,
         kept,
         of_camera,
-        tuple(found),
-        inflation,
         state.parameters[: bundle.free] - start.parameters[: bundle.free],
         C[: bundle.free, : bundle.free] - of_print_known[: bundle.free, : bundle.free],
     )
