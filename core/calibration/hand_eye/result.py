@@ -140,11 +140,6 @@ class HandEyeCalibration:
         """Return what an error of a measured pose does to the attained one in these frames."""
         return measurement_effect(self.frames, T_target_camera[None], np.array([target]))[0]
 
-    @property
-    def T_base_target(self) -> Float[np.ndarray, "4 4"]:
-        """The first target in the base: the one there is, mostly."""
-        return np.asarray(self.T_base_targets[0])
-
 
 def rejected_poses(pose_ids: Sequence[str]) -> tuple[Advisory, ...]:
     """Return the warning that these poses were rejected; none for no poses."""

@@ -40,10 +40,6 @@ class Linearised:
         return self.products[:, -7:-1, -7:-1]
 
     @property
-    def gradient(self) -> Float[np.ndarray, "m p"]:
-        return self.products[:, :-1, -1]
-
-    @property
     def square_sums(self) -> Float[np.ndarray, " m"]:
         """Of the distances of the points that count."""
         return self.products[:, -1, -1]

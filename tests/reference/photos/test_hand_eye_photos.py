@@ -94,7 +94,7 @@ def by_pixels(
     """Both frames from all pixels at once, from the tie's on; and the rms residual, px."""
 
     def frames(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return perturbed(tie.T_flange_camera, state[:6]), perturbed(tie.T_base_target, state[6:])
+        return perturbed(tie.T_flange_camera, state[:6]), perturbed(tie.T_base_targets[0], state[6:])
 
     def residuals(state: np.ndarray) -> np.ndarray:
         X, Z = frames(state)
@@ -136,7 +136,7 @@ def test_a_grid_on_the_flange_before_a_still_camera(data_folder: Path) -> None:
     assert rms < 2.5
     u = np.sqrt(np.diag(tie.covariance))
     assert np.all(np.abs(X[:3, 3] - tie.T_flange_camera[:3, 3]) < 3.0 * u[:3])
-    assert np.all(np.abs(Z[:3, 3] - tie.T_base_target[:3, 3]) < 3.0 * u[6:9])
+    assert np.all(np.abs(Z[:3, 3] - tie.T_base_targets[0][:3, 3]) < 3.0 * u[6:9])
 
 
 def test_a_camera_on_the_flange_before_circles(data_folder: Path) -> None:
@@ -178,7 +178,7 @@ def test_a_camera_on_the_flange_before_circles(data_folder: Path) -> None:
     assert 1.0 < rms < 3.0
     u = np.sqrt(np.diag(tie.covariance))
     assert np.all(np.abs(X[:3, 3] - tie.T_flange_camera[:3, 3]) < 3.0 * u[:3])
-    assert np.all(np.abs(Z[:3, 3] - tie.T_base_target[:3, 3]) < 3.0 * u[6:9])
+    assert np.all(np.abs(Z[:3, 3] - tie.T_base_targets[0][:3, 3]) < 3.0 * u[6:9])
     # By positions alone: the flange's middle in the camera frame, the same within what either is sure of.
     alone = calibrate_from_positions(positions)
     flange_in_camera = invert(tie.T_flange_camera)[:3, 3]

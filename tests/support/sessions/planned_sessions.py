@@ -87,7 +87,7 @@ def mount_information(
         assert pose.rotation is not None
         assert own is not None
         T = transform(pose.rotation, pose.position_mm)
-        attained = tie.T_base_target @ T @ invert(tie.T_flange_camera)
+        attained = tie.T_base_targets[0] @ T @ invert(tie.T_flange_camera)
         stations.append(HandEyeObservation(pose.pose_id, attained, T, own, shared))
     information = station_information(tie, stations)
     weight = np.zeros(information.shape[1])
@@ -176,7 +176,7 @@ def least_mount_images(seed: int) -> float:
     aim = float(np.trace(covariance_of(taken.sum(axis=0) + shared) @ G))
     tie, group = true_tie(found.calibration), estimate.groups[0]
     reach = RobotReach(views.arm.chain, views.joint_angles)
-    at = robot_candidates(group, BOARD, tie.T_flange_camera, tie.T_base_target, reach)
+    at = robot_candidates(group, BOARD, tie.T_flange_camera, tie.T_base_targets[0], reach)
     expected = expected_views(data, list(estimate.poses), group, 0, at.T_camera_target)
     stations = [
         HandEyeObservation("", T, invert(view), own, common)

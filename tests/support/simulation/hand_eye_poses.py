@@ -87,7 +87,7 @@ def _draw_camera_poses(rng: np.random.Generator, count: int, turns: str) -> list
 def errors(tie: HandEyeCalibration) -> np.ndarray:
     """True - estimated, in the order of the covariance."""
     found = []
-    for true, T in ((T_FLANGE_CAMERA, tie.T_flange_camera), (T_BASE_TARGET, tie.T_base_target)):
+    for true, T in ((T_FLANGE_CAMERA, tie.T_flange_camera), (T_BASE_TARGET, tie.T_base_targets[0])):
         found += [true[:3, 3] - T[:3, 3], so3_log(true[:3, :3] @ T[:3, :3].T)]
     return np.concatenate(found)
 

@@ -120,7 +120,7 @@ def test_elimination(
     for i in range(len(views)):
         change = np.eye(14)
         change[:8, :8] = coordinates(placements.parameters[i])
-        N, g = weight * change.T @ at.normal[i] @ change, weight * change.T @ at.gradient[i]
+        N, g = weight * change.T @ at.normal[i] @ change, weight * change.T @ at.products[i, :-1, -1]
         columns = [*sharing.common, *sharing.local]
         places = [*range(s), *range(s + own * i, s + own * (i + 1))]
         whole[np.ix_(places, places)] += N[np.ix_(columns, columns)]

@@ -70,7 +70,7 @@ def test_the_camera_is_in_the_base_and_the_target_on_the_flange() -> None:
     tie = found.calibration
     assert (found.camera_mount, found.targets) == ("fixed", (0,))
     off = np.concatenate(
-        [errors(tie.T_flange_camera, T_FLANGE_TARGET), errors(tie.T_base_target, T_BASE_CAMERA)]
+        [errors(tie.T_flange_camera, T_FLANGE_TARGET), errors(tie.T_base_targets[0], T_BASE_CAMERA)]
     )
     inside = np.abs(off) <= tie.coverage_factor * np.sqrt(np.diag(found.covariance))
     assert inside.mean() > 0.7
