@@ -9,7 +9,6 @@ import struct
 import time
 import zlib
 from dataclasses import dataclass
-from typing import Any
 
 
 class Connection:
@@ -91,9 +90,3 @@ def measurement_route(url: str, session_id: str, key: str, pose_id: str = "P1") 
     """Return where a service takes the images of a pose."""
     port = int(url.rpartition(":")[2])
     return Route(port, f"/v1/sessions/{session_id}/poses/{pose_id}/images/{{sha256}}", key)
-
-
-def document(answer: bytes) -> dict[str, Any]:
-    """Return an answer as JSON."""
-    found: dict[str, Any] = json.loads(answer)
-    return found

@@ -66,8 +66,7 @@ class Fit(Generic[State]):
     """Result of a fit: estimate, covariance, status and statistics.
 
     `status` is "converged", "iteration_limit" or "singular"; only the first is an answer. `covariance` has
-    the step's coordinates. `scale` is σ in the residuals' unit per unit of relative uncertainty, `cost` the
-    objective at the end.
+    the step's coordinates. `scale` is σ in the residuals' unit per unit of relative uncertainty.
     """
 
     state: State
@@ -80,7 +79,6 @@ class Fit(Generic[State]):
     used: Bool[np.ndarray, " n"]
     scale: float
     degrees_of_freedom: float
-    cost: float
     iterations: int
 
     @property
@@ -276,6 +274,5 @@ class _Run(Generic[State]):
             used=used,
             scale=scale,
             degrees_of_freedom=dof,
-            cost=square_sum / scale**2 + float(at.prior_residuals @ at.prior_residuals),
             iterations=self.iterations,
         )

@@ -46,14 +46,13 @@ class PlanarSolutions:
 
 @dataclass(frozen=True, slots=True)
 class _Fitted:
-    """What is known of fitted views: `variance` of a residual, and the information of poses at unit scale."""
+    """What is known of fitted views; `variance` is that of a residual."""
 
     views: ViewStack
     placements: Placements
     residuals: Float[np.ndarray, "2 n"]
     used: Bool[np.ndarray, " n"]
     variance: Float[np.ndarray, " m"]
-    information: Float[np.ndarray, "m 6 6"]
 
     def counted(self, i: int) -> Bool[np.ndarray, " p"]:
         """Return which points of a view are compared: those used, or all if no point is used."""
@@ -88,7 +87,7 @@ def compare_solutions(
     `residuals` (px) and the points `used` are of the views at their placements, `variance` that of a residual in stated
     uncertainties, `information` (w, d about the points' centroid) that of the poses at unit variance.
     """
-    fitted = _Fitted(views, placements, residuals, used, variance, information)
+    fitted = _Fitted(views, placements, residuals, used, variance)
     rotations, translations = placements.rotations.copy(), placements.translations_mm.copy()
     changed, ambiguous = np.zeros(len(views), dtype=np.bool_), np.zeros(len(views), dtype=np.bool_)
     ratio, evidences = np.zeros(len(views)), np.full(len(views), np.inf)

@@ -40,7 +40,7 @@ class FitResult:
     """The arm that fits the poses best, with its residuals, weights and covariance.
 
     `residuals` of all poses (observed - predicted), `jacobian` by all columns, `used` the poses that count,
-    `information` and `covariance` over the `free` columns and the shared errors, at V = C + S.
+    `covariance` over the `free` columns and the shared errors, at V = C + S.
     """
 
     arm: ArmState
@@ -49,7 +49,6 @@ class FitResult:
     residuals: Float[np.ndarray, "m n"]
     jacobian: Float[np.ndarray, "p m n"]
     used: Bool[np.ndarray, " n"]
-    information: Float[np.ndarray, "f f"]
     covariance: Float[np.ndarray, "f f"]
     status: str
 
@@ -72,8 +71,7 @@ def refine(
         n = len(seen)
         used = result.used[:n] if len(result.used) == n else result.used[:n] & result.used[n:]
         r, J = linearised(arm, seen)
-        information = information_of(seen, J, free, used, S)
-        covariance = covariance_of(information)
+        covariance = covariance_of(information_of(seen, J, free, used, S))
         keep = np.flatnonzero(used)
         left = LinearResiduals(
             seen.own[keep],
@@ -86,7 +84,7 @@ def refine(
         S = found
         if rests:
             break
-    return FitResult(arm, free, S, r, J, used, information, covariance, result.status)
+    return FitResult(arm, free, S, r, J, used, covariance, result.status)
 
 
 def fit_unweighted(

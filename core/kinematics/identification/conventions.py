@@ -24,7 +24,7 @@ def in_reported_form(
 ) -> FitResult:
     """Return the fit with its arm as the nominal robot is described; without one with a > 0, or α > 0 where axes meet.
 
-    Jacobian, information and covariance are those of the description that is returned.
+    Jacobian and covariance are those of the description that is returned.
     """
     arm = refined.arm
     links = len(arm.parameters) - 1
@@ -48,7 +48,6 @@ def in_reported_form(
         arm=arm,
         residuals=residuals,
         jacobian=jacobian,
-        information=information,
         covariance=covariance_of(information),
     )
 

@@ -33,7 +33,6 @@ from core.kinematics.global_fit import (
     fit_unweighted,
     frame_errors,
 )
-from core.numerics import covariance_of
 
 MAX_LENGTH_UNCERTAINTY_MM, MAX_ANGLE_UNCERTAINTY = 3.0, math.radians(0.25)
 MOST_STEPS = 10
@@ -107,7 +106,6 @@ def extend(
         scatter=model.scatter,
         residuals=residuals,
         used=used,
-        information=covariance_of(covariance),
         covariance=covariance,
     )
     values = refined.arm.parameters if held_at is None else held_at
@@ -217,7 +215,6 @@ def _with_held(
             fitted,
             arm=fitted.arm.moved(move),
             free=everywhere,
-            information=covariance_of(covariance[np.ix_(left, left)]),
             covariance=covariance[np.ix_(left, left)],
         ),
         replace(gauge, free=free, hardly=hardly),

@@ -70,7 +70,6 @@ class PoseRepeatability:
 
     n: int
     mean_position_mm: Float[np.ndarray, "3"]
-    mean_rotation: Float[np.ndarray, "3 3"] | None
     mean_roll_pitch_yaw: Float[np.ndarray, "3"] | None
     repeatability: PerComponent[float | None]
     interval: PerComponent[Interval | None]
@@ -242,7 +241,6 @@ def _conclude(choice: _Choice, table: dict[str, list[float]]) -> PoseRepeatabili
     return PoseRepeatability(
         n,
         sample.mean_position,
-        sample.mean_rotation,
         None if sample.mean_rotation is None else rotation_to_rpy(sample.mean_rotation),
         _figures(values("raw")),
         where_known(list(zip(values("low"), values("high"), strict=True))),

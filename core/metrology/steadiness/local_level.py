@@ -25,14 +25,10 @@ MIN_EVIDENCE = 2.71
 
 @dataclass(frozen=True, slots=True)
 class SlowMotion:
-    """The motion at each visit about its mean, mm, and its standard uncertainty along an axis; zero at rest.
-
-    `evidence` is twice the log likelihood over that of visits at rest.
-    """
+    """The motion at each visit about its mean, mm, and its standard uncertainty along an axis; zero at rest."""
 
     motion_mm: Float[np.ndarray, "n 3"]
     standard_uncertainty_mm: Float[np.ndarray, " n"]
-    evidence: float
 
 
 def slow_motion(cycles: Int[np.ndarray, " n"], positions_mm: Float[np.ndarray, "n 3"]) -> SlowMotion:
@@ -47,15 +43,14 @@ def slow_motion(cycles: Int[np.ndarray, " n"], positions_mm: Float[np.ndarray, "
     values, vectors = np.maximum(values[1:], 0.0), vectors[:, 1:]  # the least is that of the mean
     squares = np.sum((vectors.T @ y) ** 2, axis=1)
     if not squares.any():
-        return SlowMotion(np.zeros((n, 3)), np.zeros(n), 0.0)
+        return SlowMotion(np.zeros((n, 3)), np.zeros(n))
     spread = 1.0 + _RATIOS[:, None] * values
     variance = (squares / spread).sum(axis=1) / (3.0 * (n - 1))
     log_likelihood = -1.5 * ((n - 1) * np.log(variance) + np.log(spread).sum(axis=1))
     best = int(np.argmax(log_likelihood))
-    evidence = float(2.0 * (log_likelihood[best] - log_likelihood[0]))
-    if evidence < MIN_EVIDENCE:
-        return SlowMotion(np.zeros((n, 3)), np.zeros(n), evidence)
+    if 2.0 * (log_likelihood[best] - log_likelihood[0]) < MIN_EVIDENCE:
+        return SlowMotion(np.zeros((n, 3)), np.zeros(n))
     share = 1.0 - 1.0 / spread[best]
     motion = (vectors * share) @ (vectors.T @ y)
     left = variance[best] * np.einsum("nk,k,nk->n", vectors, share, vectors)
-    return SlowMotion(motion, np.sqrt(left), evidence)
+    return SlowMotion(motion, np.sqrt(left))

@@ -75,7 +75,6 @@ def residual_fit(view: View, residuals: np.ndarray) -> Fit:  # type: ignore[type
         used=np.ones(residuals.shape[1], bool),
         scale=float(np.sqrt(np.mean(residuals**2))),
         degrees_of_freedom=float(residuals.size),
-        cost=1.0,
         iterations=1,
     )
 

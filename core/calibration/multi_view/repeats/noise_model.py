@@ -44,7 +44,9 @@ MAX_FREEDOM = 1000
 MAX_CAMERA_SHARE = 0.5
 """Of the variance beyond white noise: with more of it in the camera's directions the camera changed."""
 CHANCE = 10.0
-"""Evidence that white noise seldom reaches: with less the noise is white, and the model's share grows beyond it."""
+"""Twice the log likelihood ratio that white noise seldom reaches: with less the noise is white, and the model's share
+grows beyond it.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,14 +66,10 @@ class OwnFit:
 
 @dataclass(frozen=True, slots=True)
 class NoiseModel:
-    """Sizes of the components, px²: white noise, then the fields.
-
-    `evidence` is twice the logarithm of the likelihood ratio against white noise.
-    """
+    """Sizes of the components, px²: white noise, then the fields."""
 
     white: float
     fields: Float[np.ndarray, " k"]
-    evidence: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +175,7 @@ def fit_noise_model(views: ViewStack, poses: list[PoseContrasts]) -> NoiseModel 
     evidence = 2.0 * (log_likelihood(samples, correlated) - log_likelihood(samples, white))
     share = 1.0 - (CHANCE / max(evidence, CHANCE)) ** 2
     sizes = share * correlated + (1.0 - share) * white
-    return NoiseModel(float(sizes[0]), sizes[1:], evidence)
+    return NoiseModel(float(sizes[0]), sizes[1:])
 
 
 def _components(pose: PoseContrasts, height_px: int) -> Float[np.ndarray, "k d d"]:

@@ -84,7 +84,7 @@ def test_positions_alone_give_position_figures(make_cycles: Any) -> None:
     result = assess(PoseCycles(cycles.positions_mm, None, cycles.covariances))
     assert result.repeatability.position_mm == assess(cycles).repeatability.position_mm
     assert result.repeatability.roll is result.interval.yaw is result.verdicts.pitch is None
-    assert result.mean_rotation is None
+    assert result.mean_roll_pitch_yaw is None
 
 
 def test_without_covariances_the_instrument_is_unknown_and_that_is_said(make_cycles: Any) -> None:
