@@ -15,17 +15,20 @@ from matplotlib.textpath import TextToPath
 
 from app.printing.outlines import Path, Step
 
+LETTERS_MM = 1.8
+"""Height of capitals."""
 
-def text_width(text: str, height_mm: float) -> float:
-    """Return the width in mm of a line whose capitals have this height."""
+
+def text_width(text: str) -> float:
+    """Return the width of a line in mm."""
     places, _ = _glyphs(text)
-    return float(places[:, 0].max()) * height_mm if len(places) else 0.0
+    return float(places[:, 0].max()) if len(places) else 0.0
 
 
-def text_outlines(text: str, x: float, y: float, height_mm: float, *, upward: bool = False) -> Path:
+def text_outlines(text: str, x: float, y: float, *, upward: bool = False) -> Path:
     """Return a line of text whose base line begins at (x, y), y down; `upward`: running up the sheet."""
     places, codes = _glyphs(text)
-    across, up = places[:, 0] * height_mm, places[:, 1] * height_mm
+    across, up = places.T
     drawn = np.column_stack([x - up, y - across] if upward else [x + across, y - up])
     steps: list[Step] = []
     at, begun, k = np.zeros(2), np.zeros(2), 0
@@ -50,13 +53,13 @@ def text_outlines(text: str, x: float, y: float, height_mm: float, *, upward: bo
 
 @lru_cache(maxsize=256)
 def _glyphs(text: str) -> tuple[Float[np.ndarray, "n 2"], list[int]]:
-    """Return the vertices of outlines with capitals of height 1, y up, and their path codes."""
+    """Return the vertices of outlines in mm, y up, and their path codes."""
     with warnings.catch_warnings():
         # A name may hold characters that are missing from the font: a box is drawn in their place.
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
         places, codes = _raw(text)
         capital, _ = _raw("H")
-    return places / capital[:, 1].max(), codes
+    return places / capital[:, 1].max() * LETTERS_MM, codes
 
 
 def _raw(text: str) -> tuple[Float[np.ndarray, "n 2"], list[int]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from app.printing.glyphs import text_outlines, text_width
+from app.printing.glyphs import LETTERS_MM, text_outlines, text_width
 from app.printing.outlines import Outlines, Path, box, translated
 from core import TargetSpec
 from core.targets import spacing_mm
@@ -29,11 +29,10 @@ _NOTE = (
     "Print at 100 % (actual size), never fitted to the page, and check with a steel rule: the marks along both sides "
     "are in mm. Grid point (0, 0) is at the upper left, x right, y down."
 )
-_LETTERS_MM = 1.8
 _LINE_MM = 3.2
 _TICK_MM, _HALF_MM, _LONG_MM = 2.2, 1.4, 3.4
 _STROKE_MM, _CLEAR_MM = 0.15, 0.7
-_BAR_MM = _LONG_MM + _CLEAR_MM + _LETTERS_MM
+_BAR_MM = _LONG_MM + _CLEAR_MM + LETTERS_MM
 _GAP_MM = 1.2
 
 
@@ -68,12 +67,11 @@ class ScaleBar:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A line of text: start of its base line, and the height of its capitals."""
+    """A line of text, and where its base line starts; its capitals are `LETTERS_MM` high."""
 
     text: str
     x: float
     y: float
-    height: float
     upward: bool = False
 
 
@@ -134,13 +132,13 @@ class Layout:
         dy = 0.5 * (top + bottom) - 0.5 * (outlines.low[1] + outlines.high[1])
         base = self.paper.height_mm - EDGE_MM - len(self.lines) * _LINE_MM
         texts = [
-            Text(line, EDGE_MM, base + (k + 1) * _LINE_MM - 0.3 * _LETTERS_MM, _LETTERS_MM)
+            Text(line, EDGE_MM, base + (k + 1) * _LINE_MM - 0.3 * LETTERS_MM)
             for k, line in enumerate(self.lines)
         ]
         along_x = _scale_bar(EDGE_MM + _BAR_MM, self.paper.width_mm - EDGE_MM - 3.0, base - _GAP_MM - _BAR_MM)
         along_y = _scale_bar(EDGE_MM, base - _GAP_MM - _BAR_MM - 3.0, EDGE_MM + _BAR_MM)
         ticks = [*_ticks(along_x, texts, upward=False), *_ticks(along_y, texts, upward=True)]
-        letters = [text_outlines(w.text, w.x, w.y, w.height, upward=w.upward) for w in texts]
+        letters = [text_outlines(w.text, w.x, w.y, upward=w.upward) for w in texts]
         return Sheet(
             target=target,
             sheet_id=sheet_id,
@@ -162,11 +160,11 @@ def _largest(paper_mm: float, taken_mm: float, size_mm: float, quiet_mm: float) 
 
 
 def _wrapped(text: str, width_mm: float) -> list[str]:
-    gap = text_width("n n", _LETTERS_MM) - 2.0 * text_width("n", _LETTERS_MM)
+    gap = text_width("n n") - 2.0 * text_width("n")
     lines: list[list[str]] = []
     reach = math.inf
     for word in text.split():
-        width = text_width(word, _LETTERS_MM)
+        width = text_width(word)
         if reach + gap + width <= width_mm:
             lines[-1].append(word)
             reach += gap + width
@@ -199,7 +197,7 @@ def _ticks(bar: ScaleBar, texts: list[Text], *, upward: bool) -> list[Path]:
 
 def _centred(text: str, at: float, bar: ScaleBar, *, upward: bool) -> Text:
     """Return text centred at a position of a scale bar."""
-    half = 0.5 * text_width(text, _LETTERS_MM)
+    half = 0.5 * text_width(text)
     if upward:
-        return Text(text, bar.line - _LONG_MM - _CLEAR_MM, at + half, _LETTERS_MM, upward)
-    return Text(text, at - half, bar.line + _BAR_MM, _LETTERS_MM)
+        return Text(text, bar.line - _LONG_MM - _CLEAR_MM, at + half, upward)
+    return Text(text, at - half, bar.line + _BAR_MM)

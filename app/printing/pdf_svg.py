@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 
 from app.markup import element_text, legal_text
+from app.printing.glyphs import LETTERS_MM
 from app.printing.layout import Sheet, Text
 from app.printing.outlines import Path
 
@@ -67,7 +68,7 @@ def _pdf_path(path: Path) -> str:
 def _pdf_text(line: Text) -> str:
     place = f"{_number(line.x)} {_number(line.y)}"
     matrix = f"0 -1 -1 0 {place} Tm" if line.upward else f"1 0 0 -1 {place} Tm"
-    size = _number(line.height / 0.718)  # Helvetica's capitals, of its size
+    size = _number(LETTERS_MM / 0.718)  # Helvetica's capitals, of its size
     text = legal_text(line.text).encode("cp1252", "replace").decode("cp1252")
     for special in "\\()":
         text = text.replace(special, "\\" + special)
