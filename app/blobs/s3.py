@@ -215,14 +215,14 @@ class S3Blobs:
         except FileNotFoundError:
             return None
 
-    def write_document(self, name: str, content: bytes, *, new: bool = False) -> bool:
-        """Write a small object of the installation's own; with `new` return False where it is there already."""
+    def create_document(self, name: str, content: bytes) -> bool:
+        """Write a small object of the installation's own; return False where it is there already."""
         import obstore
         from obstore.exceptions import AlreadyExistsError
 
         with map_object_errors("put"):
             try:
-                obstore.put(self._store, self._prefix + name, content, mode="create" if new else "overwrite")
+                obstore.put(self._store, self._prefix + name, content, mode="create")
             except AlreadyExistsError:
                 return False
         return True
@@ -234,8 +234,8 @@ class S3Blobs:
         """
         name = f"probe/{secrets.token_hex(8)}"
         try:
-            first = self.write_document(name, b"first", new=True)
-            second = self.write_document(name, b"second", new=True)
+            first = self.create_document(name, b"first")
+            second = self.create_document(name, b"second")
             return first and not second and self.read_document(name) == b"first"
         finally:
             delete_object(self._store, self._prefix + name)

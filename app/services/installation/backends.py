@@ -151,7 +151,7 @@ def stored_id(blobs: S3Blobs) -> str | None:
 
 def write_id(blobs: S3Blobs, installation_id: str) -> None:
     """Name the installation in a bucket that names none; the first of several processes wins."""
-    blobs.write_document(DOCUMENT, (json.dumps({"id": installation_id}) + "\n").encode(), new=True)
+    blobs.create_document(DOCUMENT, (json.dumps({"id": installation_id}) + "\n").encode())
 
 
 def mark_moved(settings: Settings, target: Settings) -> None:
