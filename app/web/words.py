@@ -267,9 +267,9 @@ def size(count: int) -> str:
     return f"{count} bytes" if units[0] == "bytes" else f"{number(value)} {units[0]}"
 
 
-def plural(count: int, noun: str, many: str | None = None) -> str:
+def plural(count: int, noun: str) -> str:
     """Return `1 image`, `2 images`, `10 000 images`."""
-    return f"{grouped(count)} {noun if count == 1 else many or noun + 's'}"
+    return f"{grouped(count)} {noun if count == 1 else noun + 's'}"
 
 
 def grouped(count: int) -> str:

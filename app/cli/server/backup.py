@@ -55,8 +55,8 @@ def back_up(
         f"  copied     {report.copied} originals, {megabytes(report.copied_bytes)}, "
         f"in {time.monotonic() - started:.1f} s"
     )
-    _list("missing in the data folder", manifest.missing, "Upload these images again.")
-    _list("with other bytes in the data folder", manifest.corrupt, "Upload these images again.")
+    _list("missing in the data folder", manifest.missing)
+    _list("with other bytes in the data folder", manifest.corrupt)
     return 1 if manifest.missing or manifest.corrupt else 0
 
 
@@ -96,14 +96,12 @@ def restore(
     print("  next       gridpose serve, with this data folder and database")
     _list_keys(keys)
     lost = [*manifest.missing, *manifest.corrupt]
-    _list(
-        "missing or damaged in the installation when the backup was made", lost, "Upload these images again."
-    )
-    _list("damaged in the backup", damaged, "Upload these images again.")
+    _list("missing or damaged in the installation when the backup was made", lost)
+    _list("damaged in the backup", damaged)
     return 1 if damaged else 0
 
 
-def _list(what: str, hashes: Sequence[str], advice: str) -> None:
+def _list(what: str, hashes: Sequence[str]) -> None:
     if not hashes:
         return
     console = error_console()
@@ -112,7 +110,7 @@ def _list(what: str, hashes: Sequence[str], advice: str) -> None:
         console.print(f"  {escape(sha256)}")
     if len(hashes) > _MAX_LISTED:
         console.print(f"  and {len(hashes) - _MAX_LISTED} more")
-    console.print(advice)
+    console.print("Upload these images again.")
 
 
 def _list_keys(keys: Sequence[ApiKey]) -> None:

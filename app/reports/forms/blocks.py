@@ -137,9 +137,9 @@ def of_unknown_uncertainty(value: float | None) -> str:
     return number(value, None if value is None else 0.1 * abs(value))
 
 
-def vector(values: Sequence[float] | None, *, places: int = 3) -> list[str]:
+def vector(values: Sequence[float] | None) -> list[str]:
     """Return three numbers as cells."""
-    return [UNKNOWN] * 3 if values is None else [number(value, places=places) for value in values]
+    return [UNKNOWN] * 3 if values is None else [number(value, places=3) for value in values]
 
 
 def warnings_of(document: Mapping[str, Any]) -> list[Block]:
