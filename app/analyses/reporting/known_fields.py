@@ -6,8 +6,6 @@ from typing import Any
 
 _ANYTHING = None
 """The form of a null: nothing is known of what else may stand there."""
-_SPLIT = {"measured_pose_id": "measurement_id", "measured_pose_ids": "measurement_ids"}
-"""Fields whose value was in another field, which is null or empty today, in the forms of earlier versions."""
 
 
 def known_fields(document: Any, earlier: Any) -> Any:
@@ -39,9 +37,6 @@ def _merged(one: Any, other: Any) -> Any:
 
 def _pruned(value: Any, form: Any) -> Any:
     if isinstance(value, dict) and isinstance(form, dict):
-        for name, earlier in _SPLIT.items():
-            if name in value and name not in form and not value.get(earlier):
-                value = {**value, earlier: value[name]}
         return {name: _pruned(item, form[name]) for name, item in value.items() if name in form}
     if isinstance(value, list) and isinstance(form, list):
         return [_pruned(item, form[0]) for item in value]

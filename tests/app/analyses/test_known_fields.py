@@ -15,19 +15,6 @@ THEN = {
 }
 
 
-def test_a_value_with_a_field_of_its_own_today_is_where_it_was() -> None:
-    then = {"outliers": [{"measurement_id": "mpo_1", "distance_mm": 1.0}]}
-    now = {"outliers": [{"measurement_id": None, "measured_pose_id": "mpo_1", "distance_mm": 1.0}]}
-    assert known_fields(now, then) == then
-    assert known_fields(now, now) == now
-
-
-def test_a_list_that_is_split_today_is_whole_as_it_was() -> None:
-    then = {"measurement_ids": ["mpo_1", "mpo_2"]}
-    now = {"measurement_ids": [], "measured_pose_ids": ["mpo_1", "mpo_2"]}
-    assert known_fields(now, then) == then
-
-
 @pytest.mark.parametrize(
     ("now", "known"),
     [
