@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from app.records.numbers import DH_PARAMETERS
 from app.web.words import NONE, fixed, plain, with_uncertainty
 
 WEAKENING = {
@@ -39,8 +40,7 @@ SHORT_ARCS = "No joint turned far: gears that err over so short an arc look like
 MAX_RATIO_BY_CHANCE = 3.0
 MIN_ARC_DEG = 20.0
 """Below which `short_arc` is given."""
-PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
-PARAMETER_NAMES = {"a_mm": "a", "alpha_deg": "α", "d_mm": "d", "theta_offset_deg": "θ", "beta_deg": "β"}
+PARAMETER_NAMES = dict(zip(DH_PARAMETERS, "aαdθβ", strict=True))
 
 
 def objections(document: dict[str, Any]) -> list[str]:
@@ -77,7 +77,7 @@ def joint_rows(document: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _stated(joint: dict[str, Any]) -> Iterator[str]:
-    return (name for name in PARAMETERS if joint[name] is not None)
+    return (name for name in DH_PARAMETERS if joint[name] is not None)
 
 
 def _row(joint: dict[str, Any], name: str, sure: bool) -> dict[str, Any]:

@@ -12,13 +12,13 @@ from typing import Any
 from scipy.special import stdtrit
 
 from app.records.ids import is_id, moment_of
+from app.records.numbers import DH_PARAMETERS
 from app.reports.forms import FORMAT, FORMAT_VERSION
 from core.numerics import NORMAL_95
 
 Json = Mapping[str, Any]
 Key = tuple[str, str]
 """What a figure is of (a pose, a joint, a camera), and its name."""
-_PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
 _POSE = ("position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg")
 ALL_POSES = "all poses"
 DISTANCE = "distance"
@@ -207,7 +207,7 @@ def _figures(analyses: Json) -> Iterator[tuple[Key, Figure]]:
         for name, value in group["intrinsics"].items():
             yield from _with_uncertainty((of, name), value, group["standard_uncertainty"][name], None)
     for joint in analyses.get("dh", {}).get("joints", ()):
-        for name in _PARAMETERS:
+        for name in DH_PARAMETERS:
             if joint[name] is not None and joint["identifiable"][name]:
                 yield from _with_uncertainty(
                     (f"joint {joint['joint']}", name),

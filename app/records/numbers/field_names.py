@@ -8,6 +8,8 @@ from __future__ import annotations
 import re
 from functools import lru_cache
 
+DH_PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
+"""Fields of a joint's Denavit-Hartenberg parameters, in their order."""
 ALL_DIGITS = 10
 STATISTIC_DIGITS = 6
 UNCERTAINTY_DIGITS = 4

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from app.records.numbers import DH_PARAMETERS
 from app.reports.forms.blocks import (
     NORMAL_95,
     UNKNOWN,
@@ -20,7 +21,6 @@ from app.reports.forms.blocks import (
 from app.reports.forms.wording import Json, symbols, words
 
 ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
-PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
 
 
 def kinematics_blocks(found: Json, inputs: Json) -> list[Block]:
@@ -64,7 +64,7 @@ def _parameters(found: Json) -> list[Block]:
     blocks: list[Block] = [heading("Denavit-Hartenberg parameters")]
     rows = []
     for joint in found["joints"]:
-        for name in PARAMETERS:
+        for name in DH_PARAMETERS:
             value, u = joint[name], joint["standard_uncertainty"][name]
             if value is None:
                 continue

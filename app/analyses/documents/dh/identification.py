@@ -17,8 +17,10 @@ from app.analyses.documents.dh.error_model import (
 from app.analyses.documents.encoding import mounted_frames, refined_estimate, target_transform_document
 from app.analyses.documents.findings import Findings
 from app.analyses.documents.sweep_names import parsed, sweeps_named
+from app.records.numbers import DH_PARAMETERS
 from core.geometry import invert
 from core.kinematics import (
+    JOINT_PARAMETERS,
     Blocking,
     HoldOutError,
     JointEstimate,
@@ -39,13 +41,7 @@ from core.session import (
 
 TRIALS, LEAST_TRIALS, MAX_DRAWN_POSES = 200, 100, 150_000
 """Of the sampling: 200 trials give a standard deviation to 5 %, 100 to 7 %; a drawn pose takes about 0.1 ms."""
-API_NAMES = {
-    "a_mm": "a_mm",
-    "alpha_rad": "alpha_deg",
-    "d_mm": "d_mm",
-    "theta_offset_rad": "theta_offset_deg",
-    "beta_rad": "beta_deg",
-}
+API_NAMES = dict(zip(JOINT_PARAMETERS, DH_PARAMETERS, strict=True))
 
 
 def dh_findings(data: SessionData, settings: Mapping[str, str]) -> Findings:

@@ -17,18 +17,18 @@ import numpy as np
 from jaxtyping import Float
 
 from app.markup import comment_text, quoted_attribute
+from app.records.numbers import DH_PARAMETERS
 from core.geometry import rotation_to_rpy, so3_exp, transform
 from core.kinematics import link_transform
 
 Json = dict[str, Any]
-PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
 CSV_COLUMNS = (
     "joint",
     "name",
-    *PARAMETERS,
-    *(f"u_{name}" for name in PARAMETERS),
-    *(f"nominal_{name}" for name in PARAMETERS[:4]),
-    *(f"identifiable_{name}" for name in PARAMETERS),
+    *DH_PARAMETERS,
+    *(f"u_{name}" for name in DH_PARAMETERS),
+    *(f"nominal_{name}" for name in DH_PARAMETERS[:4]),
+    *(f"identifiable_{name}" for name in DH_PARAMETERS),
     "parallel_to_next",
 )
 _FRAMES = ("flange_camera", "base_targets", "base_camera", "flange_targets")
@@ -199,10 +199,10 @@ def write_csv(model: Model) -> str:
             {
                 "joint": joint["joint"],
                 "name": name,
-                **{p: joint[p] for p in PARAMETERS},
-                **{f"u_{p}": joint["standard_uncertainty"][p] for p in PARAMETERS},
-                **{f"nominal_{p}": nominal.get(p) for p in PARAMETERS[:4]},
-                **{f"identifiable_{p}": _truth(joint["identifiable"][p]) for p in PARAMETERS},
+                **{p: joint[p] for p in DH_PARAMETERS},
+                **{f"u_{p}": joint["standard_uncertainty"][p] for p in DH_PARAMETERS},
+                **{f"nominal_{p}": nominal.get(p) for p in DH_PARAMETERS[:4]},
+                **{f"identifiable_{p}": _truth(joint["identifiable"][p]) for p in DH_PARAMETERS},
                 "parallel_to_next": _truth(joint["parallel_to_next"]),
             }
         )

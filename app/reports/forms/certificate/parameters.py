@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from xml.etree.ElementTree import Element
 
+from app.records.numbers import DH_PARAMETERS
 from app.reports.forms.camera import camera_blocks, estimated_terms
 from app.reports.forms.certificate.elements import figure, result, sections
-from app.reports.forms.kinematics import PARAMETERS, kinematics_blocks
+from app.reports.forms.kinematics import kinematics_blocks
 from app.reports.forms.wording import Json, words
 
 _SYMBOLS = {"a_mm": "a", "alpha_deg": "α", "d_mm": "d", "theta_offset_deg": "θ₀", "beta_deg": "β"}
@@ -17,7 +18,7 @@ def kinematics_results(found: Json, inputs: Json) -> list[Element]:
     results: list[Element] = []
     for joint in found["joints"]:
         quantities: list[Element] = []
-        for name in PARAMETERS:
+        for name in DH_PARAMETERS:
             u = joint["standard_uncertainty"][name]
             if u is None:
                 continue

@@ -12,11 +12,12 @@ from starlette.responses import Response
 
 from app.errors import Conflict, InvalidContent
 from app.http import get_requester, run_while_connected
+from app.records.numbers import DH_PARAMETERS
 from app.records.tables import Robot, Target
 from app.services.queries import get_or_raise
 from app.services.robots import read_plan
 from app.web.pages import page_router, render
-from app.web.robot_parameters import PARAMETER_NAMES, PARAMETERS
+from app.web.robot_parameters import PARAMETER_NAMES
 from app.web.routes.planning.session_advice import known_targets, require_computing
 from app.web.service import Service, service_of
 
@@ -111,7 +112,7 @@ def plan_rows(plan: dict[str, Any]) -> list[dict[str, Any]]:
     later = plan["predicted_joints_with_suggestions"] or [None] * len(plan["joints"])
     rows = []
     for joint, with_more in zip(plan["joints"], later, strict=True):
-        for name in PARAMETERS:
+        for name in DH_PARAMETERS:
             now = joint["standard_uncertainty"][name]
             then = None if with_more is None else with_more["standard_uncertainty"][name]
             if now is None and then is None:
