@@ -42,20 +42,21 @@ def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
             image = render(scene)
             png = cv2.imencode(".png", image)[1]
             jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1]
+            png_file, jpeg_file = png.tobytes(), jpeg.tobytes()
             target = scene.target
             recipes = {
                 "PNG decoding": lambda d=png: cv2.imdecode(d, cv2.IMREAD_GRAYSCALE),
-                "PNG": lambda d=png.tobytes(), t=target: _calibrate(d, t),
+                "PNG": lambda d=png_file, t=target: _calibrate(d, t),
                 "JPEG decoding": lambda d=jpeg: cv2.imdecode(d, cv2.IMREAD_GRAYSCALE),
-                "JPEG": lambda d=jpeg.tobytes(), t=target: _calibrate(d, t),
-                "decode": lambda d=png.tobytes(): decode(d),
+                "JPEG": lambda d=jpeg_file, t=target: _calibrate(d, t),
+                "decode": lambda d=png_file: decode(d),
                 "detect": lambda p=image, t=target: detect(p, t),
             }
             if index == 0:
                 for recipe in recipes.values():
                     recipe()  # code and caches warm
             taken = _Times((target.columns, target.rows))
-            refused += not _calibrate(png.tobytes(), target)
+            refused += not _calibrate(png_file, target)
             for _ in range(repeats):
                 _measure(taken, recipes)
             _measure(taken, {"naive": lambda d=png, t=target: _naive(d, t)})

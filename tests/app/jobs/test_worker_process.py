@@ -56,5 +56,5 @@ def test_the_end_of_the_process_is_the_end_of_its_call() -> None:
             process.schedule(os._exit, 3).result(WITHIN_S)
         assert raised.value.exitcode == 3
         assert not process.active
-        with pytest.raises(OSError):
+        with pytest.raises(BrokenPipeError):
             process.schedule(os.getpid)
