@@ -63,7 +63,7 @@ from core.calibration.state import (
 from core.calibration.summary import calibration_of, summarise_fit
 from core.calibration.target_shape import (
     LENS,
-    MIN_DIRECTIONS,
+    MIN_CHECK_DIRECTIONS,
     PRINT_SCALE,
     PRINT_SHAPE,
     Deformation,
@@ -89,7 +89,7 @@ __all__ = [
     "LENS",
     "MAX_DETERMINED_UNCERTAINTY",
     "MAX_FOCAL_UNCERTAINTY",
-    "MIN_DIRECTIONS",
+    "MIN_CHECK_DIRECTIONS",
     "MIN_POSES_TO_REJECT",
     "PLAUSIBLE_START",
     "PRINT_SCALE",

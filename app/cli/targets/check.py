@@ -21,7 +21,7 @@ from app.client.commands import error_console, print_error, print_json
 from app.printing import describe
 from core import GridPoints, GridposeError, TargetSpec
 from core.calibration import (
-    MIN_DIRECTIONS,
+    MIN_CHECK_DIRECTIONS,
     Measure,
     PrintedShape,
     RuleReading,
@@ -155,7 +155,7 @@ def _from_photos(
         warnings = _symmetry_warnings(target, same)
         chosen = [same[i] for i in _evenly(len(same))]
         try:
-            shape = estimate_target_shape(chosen, least_directions=MIN_DIRECTIONS)
+            shape = estimate_target_shape(chosen, least_directions=MIN_CHECK_DIRECTIONS)
         except GridposeError:
             list_skipped(errors, skipped)
             raise

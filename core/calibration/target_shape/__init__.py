@@ -5,7 +5,7 @@ from core.calibration.target_shape.departures import LENS, PRINT_SCALE, PRINT_SH
 from core.calibration.target_shape.estimation import estimate_target_shape
 from core.calibration.target_shape.marginal_poses import MarginalPoses, marginalise_shape
 from core.calibration.target_shape.print_inspection import (
-    MIN_DIRECTIONS,
+    MIN_CHECK_DIRECTIONS,
     PrintCheck,
     PrintedShape,
     PrintFinding,
@@ -15,7 +15,7 @@ from core.calibration.target_shape.rule_readings import RuleReading, check_asked
 
 __all__ = [
     "LENS",
-    "MIN_DIRECTIONS",
+    "MIN_CHECK_DIRECTIONS",
     "PRINT_SCALE",
     "PRINT_SHAPE",
     "Deformation",

@@ -29,7 +29,7 @@ from core.calibration.target_shape.rule_readings import RuleReading, check_asked
 from core.targets import TargetSpec
 
 LIMIT = 1e-3
-MIN_DIRECTIONS = 6
+MIN_CHECK_DIRECTIONS = 6
 """Fewer than a refined target takes for analyses: a check with too few ends undecided, not wrong."""
 _COVERAGE = 2.0
 _LOW_ORDER = ("bow_x_mm", "bow_y_mm", "twist_mm", "aspect", "shear_rad")

@@ -12,7 +12,7 @@ import pytest
 from core.calibration.target_shape.deformation import Measure
 from core.calibration.target_shape.estimation import estimate_target_shape
 from core.calibration.target_shape.print_inspection import (
-    MIN_DIRECTIONS,
+    MIN_CHECK_DIRECTIONS,
     PrintCheck,
     PrintedShape,
     PrintFinding,
@@ -70,7 +70,7 @@ def shape_of(
         exact = project(transform_points(T, moved), CAMERA)
         seen = exact + rng.normal(0.0, sigma_px, exact.shape)
         views.append(GridPoints(BOARD, 2448, 2050, column, row, seen, np.full(len(seen), sigma_px)))
-    return PrintedShape.of(estimate_target_shape(views, least_directions=MIN_DIRECTIONS))
+    return PrintedShape.of(estimate_target_shape(views, least_directions=MIN_CHECK_DIRECTIONS))
 
 
 def finding(check: PrintCheck, code: str) -> PrintFinding:
@@ -136,7 +136,7 @@ def test_measures_scatter_as_stated_even_with_few_directions() -> None:
     places = printed(true["aspect"], true["shear"], true["bow_x_mm"], true["twist_mm"])
     squares = 0.0
     for seed in range(12):
-        shape = shape_of(100 + seed, places, count=MIN_DIRECTIONS + 2)
+        shape = shape_of(100 + seed, places, count=MIN_CHECK_DIRECTIONS + 2)
         for name in MEASURES:
             measure = getattr(shape, name)
             squares += ((measure.value - true[name]) / measure.standard_uncertainty) ** 2
