@@ -1,4 +1,4 @@
-"""What the service refuses, as one tree; it knows nothing of HTTP statuses (`api/problems.py` has that table).
+"""What the service refuses, as one tree; it knows nothing of HTTP statuses (`http/statuses.py` has that table).
 
 ServiceError                       code, detail, advice, errors [(field, message)]
 ├── NotAuthenticated               not_authenticated

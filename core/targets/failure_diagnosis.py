@@ -131,7 +131,7 @@ def _has_markers(image: np.ndarray, lattice: Lattice, *, inverted: bool = False)
     """Return whether most of the bright squares have something dark printed in them; `inverted`, of the dark ones
     something bright.
 
-    Its size and its bits are not known, so that `marker_reading` cannot look for a frame.
+    Its size and its bits are not known, so that `decode_markers` cannot look for a frame.
     """
     known = lattice.known
     row, column = np.nonzero(known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:])
