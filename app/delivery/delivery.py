@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 import time
-from collections.abc import Callable
 from datetime import UTC, datetime
 
 import sqlalchemy as sa
@@ -14,11 +12,11 @@ from app.delivery.alert_file import AlertFile
 from app.delivery.derived import Derived, derived_of
 from app.delivery.measured import MeasuredSessions
 from app.delivery.posting import Attempt, post
-from app.errors import ServiceError
 from app.logs import Logger
 from app.records.readable import unreadable_columns
 from app.records.tables import Notice
 from app.services.installation.context import ServiceContext
+from app.services.installation.loop import Loop
 from app.services.notices import (
     Claimed,
     claim_due,
@@ -76,7 +74,7 @@ class Delivery:
         """End; an attempt that is being made is waited for, 15 s at most."""
         self.begin_stop()
         for loop in self._loops:
-            loop.join()
+            loop.stop()
 
     def examine(self) -> bool:
         """Number and queue the notices that are new, with what follows from them; return whether there were any."""
@@ -161,45 +159,3 @@ class Sender:
                 for one in claimed
             )
         )
-
-
-class Loop:
-    """A thread that calls `step` until it returns False, then waits `every_s`, or until woken; until stopped."""
-
-    def __init__(self, name: str, step: Callable[[], bool], every_s: float) -> None:
-        self._name, self._step, self._every_s = name, step, every_s
-        self._stopping = False
-        self._wake = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-
-    def start(self) -> None:
-        """Begin."""
-        self._thread.start()
-
-    def wake(self) -> None:
-        """Say that there is something to do."""
-        self._wake.set()
-
-    def begin_stop(self) -> None:
-        """Begin no further step."""
-        self._stopping = True
-        self._wake.set()
-
-    def join(self) -> None:
-        """End; returns when no step is being done."""
-        self.begin_stop()
-        if self._thread.is_alive():
-            self._thread.join()
-
-    def _run(self) -> None:
-        while not self._stopping:
-            self._wake.clear()
-            try:
-                if self._step():
-                    continue
-            except ServiceError as error:  # a full disk or a busy database passes
-                log.warning("notices_put_off", part=self._name, code=error.code)
-            except Exception:
-                log.exception("notices_failed", part=self._name)
-            if not self._stopping:
-                self._wake.wait(self._every_s)

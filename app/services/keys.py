@@ -22,6 +22,7 @@ from app.records.readable import unreadable_columns
 from app.records.tables import SCOPES, ApiKey, Session
 from app.services.first_key import forget_key
 from app.services.installation.context import ServiceContext
+from app.services.installation.loop import Loop
 
 _SHAPE = re.compile(r"gp_([0-9a-z]{26})_([0-9a-f]{64})", re.ASCII)
 _PREFIX = "key_"
@@ -250,18 +251,15 @@ class KeyUse:
         self._database = database
         self._seen: dict[str, datetime] = {}
         self._lock = threading.Lock()
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="key-use", daemon=True)
+        self._loop = Loop("key-use", self.write, WRITE_EVERY_S)
 
     def start(self) -> None:
         """Begin to write once a minute."""
-        self._thread.start()
+        self._loop.start()
 
     def stop(self) -> None:
         """Write what is not written yet, and end."""
-        self._ended.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._loop.stop()
         self.write()
 
     def note(self, key_id: str) -> None:
@@ -293,7 +291,3 @@ class KeyUse:
             log.warning("key_use_not_written", keys=len(seen), exc_info=error)
             with self._lock:
                 self._seen = {**seen, **self._seen}
-
-    def _run(self) -> None:
-        while not self._ended.wait(WRITE_EVERY_S):
-            self.write()

@@ -6,14 +6,13 @@ more of them than that key's own requests would.
 
 from __future__ import annotations
 
-import threading
 from datetime import UTC, datetime, timedelta
 
 from app.analyses.computations import ServiceFailure
 from app.analyses.history import summarise_reports, summary_or_none
 from app.analyses.reporting.orders import MadeReport, ReportOrder, compute_report
 from app.analyses.service import AnalysisService
-from app.errors import RowUnreadable, ServiceError
+from app.errors import RowUnreadable
 from app.jobs.call_queue import Call, QueueFull
 from app.jobs.subprocess_executor import START_WITHIN_S, Cancelled, OutOfMemory, ProcessDied, TimedOut
 from app.logs import Logger
@@ -23,6 +22,7 @@ from app.records.tables import Report
 from app.reports.forms import CompanyTemplate, TemplateInvalid, read_template
 from app.services import reports, robots
 from app.services.installation.context import ServiceContext
+from app.services.installation.loop import Loop
 
 _LOOK_EVERY_S = 30.0
 """Between two looks at the queue where nobody said that there is something in it."""
@@ -38,24 +38,21 @@ class ReportMaker:
         self._installation = installation
         self._analyses = analyses
         self._url = installation.database.url.render_as_string(hide_password=False)
-        self._stopping = False
-        self._wake = threading.Event()
         self._call: Call[MadeReport | ServiceFailure] | None = None
-        self._thread = threading.Thread(target=self._run, name="reports", daemon=True)
+        self._loop = Loop("reports", self._step, _LOOK_EVERY_S)
 
     def start(self) -> None:
         """Queue again what the last process was making, and begin."""
         self._requeue()
-        self._thread.start()
+        self._loop.start()
 
     def notify(self) -> None:
         """Say that a report was ordered."""
-        self._wake.set()
+        self._loop.wake()
 
     def begin_stop(self) -> None:
         """Begin no further report, and give up the one being made: the next start makes it."""
-        self._stopping = True
-        self._wake.set()
+        self._loop.begin_stop()
         call = self._call
         if call is not None:
             self._analyses.calls.cancel(call)
@@ -63,8 +60,7 @@ class ReportMaker:
     def stop(self) -> None:
         """End; returns when no report is being made."""
         self.begin_stop()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._loop.stop()
 
     def _requeue(self) -> None:
         """Queue again what nobody is making any more: with SQLite this is the only service, others may take longer."""
@@ -77,21 +73,15 @@ class ReportMaker:
         if again:
             log.info("reports_queued_again", reports=again)
 
-    def _run(self) -> None:
-        while not self._stopping:
-            self._wake.clear()
-            try:
-                if self._make_next():
-                    continue
-                if summarise_reports(self._installation.database):
-                    self._wake.set()  # reports that were made before summaries were, or restored: some at a time
-                if not self._installation.database.is_sqlite:
-                    self._requeue()
-            except ServiceError as error:  # a full disk or a busy database passes
-                log.warning("report_put_off", code=error.code)
-            except Exception:
-                log.exception("report_maker_failed")
-            self._wake.wait(_LOOK_EVERY_S)
+    def _step(self) -> bool:
+        """Make a report, or look after the others; return whether there is more to do at once."""
+        if self._make_next():
+            return True
+        # Of reports that were made before summaries were, or restored: some at a time.
+        some = summarise_reports(self._installation.database)
+        if not self._installation.database.is_sqlite:
+            self._requeue()
+        return some > 0
 
     def _make_next(self) -> bool:
         """Make the report that waits longest; return whether there was one, so that others may follow."""
@@ -126,12 +116,12 @@ class ReportMaker:
         order = self._order(row, template)
         try:
             self._call = self._analyses.calls.submit(row.made_by, compute_report, self._url, order)
-            if self._stopping:
+            if self._loop.is_stopping():
                 self._analyses.calls.cancel(self._call)
             made = self._call.future.result()
         except QueueFull:
             self._put_back(row.id)
-            self._wake.wait(_PAUSE_S)
+            self._loop.pause(_PAUSE_S)
             return
         except (OutOfMemory, TimedOut):
             self._fail(
@@ -211,11 +201,11 @@ class ReportMaker:
 
     def _retry_or_fail(self, report_id: str, attempts: int) -> None:
         log.warning("report_process_died", report_id=report_id, attempts=attempts)
-        if attempts < reports.MAX_ATTEMPTS and not self._stopping:
+        if attempts < reports.MAX_ATTEMPTS and not self._loop.is_stopping():
             with self._installation.database.write() as records:
                 reports.put_back(records, report_id, counts=True)
             return
-        if self._stopping:
+        if self._loop.is_stopping():
             self._put_back(report_id)
             return
         self._fail(

@@ -6,7 +6,6 @@ what there is to do and returns; one that fails is logged, and the others have t
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -17,6 +16,7 @@ import sqlalchemy as sa
 from app.errors import ServiceError
 from app.logs import Logger
 from app.services.installation.context import ServiceContext
+from app.services.installation.loop import Loop
 from app.services.maintenance.orphans import OrphanSweep
 from app.services.maintenance.retention import Retention, elapsed_s
 from app.services.originals import finish_removals
@@ -67,24 +67,20 @@ class Maintenance:
         """`turn` says whether this service does a round: of several with one database, one does at a time."""
         self._turn = turn
         self._chores = tuple(chores)
-        self._interval_s = interval_s
-        self._stopping = threading.Event()
         self._offset_s = time.time() - time.monotonic()
-        self._thread = threading.Thread(target=self._run, name="maintenance", daemon=True)
+        self._loop = Loop("maintenance", self.run_once, interval_s)
 
     def start(self) -> None:
         """Begin; the first round at once, in the thread."""
-        self._thread.start()
+        self._loop.start()
 
     def begin_stop(self) -> None:
         """Begin no further chore, and ask a running one to stop."""
-        self._stopping.set()
+        self._loop.begin_stop()
 
     def stop(self) -> None:
         """End; returns when no chore runs any more."""
-        self.begin_stop()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._loop.stop()
 
     def run_once(self) -> None:
         """Run every chore once, unless another service is doing so."""
@@ -97,16 +93,11 @@ class Maintenance:
 
     def _run_chores(self) -> None:
         for name, function in self._chores:
-            if self._stopping.is_set():
+            if self._loop.is_stopping():
                 return
             try:
-                function(Round(time.monotonic() + self._offset_s, self._stopping.is_set))
+                function(Round(time.monotonic() + self._offset_s, self._loop.is_stopping))
             except ServiceError as error:  # a full disk or a busy database passes
                 log.warning("chore_put_off", chore=name, code=error.code)
             except Exception:
                 log.exception("chore_failed", chore=name)
-
-    def _run(self) -> None:
-        while not self._stopping.is_set():
-            self.run_once()
-            self._stopping.wait(self._interval_s)
