@@ -36,6 +36,7 @@ from core.calibration.hand_eye.position_model import (
     jacobian,
     measurement,
     observable_directions,
+    predicted,
     residuals,
 )
 from core.calibration.hand_eye.position_start import best_start
