@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.special import stdtrit
 
-from core.calibration.hand_eye import PositionObservation, PositionOnlyCalibration, calibrate_from_positions
+from core.calibration.hand_eye import PositionOnlyCalibration, calibrate_from_positions
 from core.errors import InvalidArgument, MotionInsufficient
-from core.geometry.se3 import so3_exp, so3_log, transform, transform_points
+from core.geometry.se3 import so3_exp, so3_log, transform
 from tests.support.simulation.hand_eye_poses import POINT_CAMERA_MM, T_BASE_TARGET, draw_position_stations
 
 
@@ -20,12 +20,6 @@ def errors(tie: PositionOnlyCalibration) -> np.ndarray:
     return np.concatenate([POINT_CAMERA_MM - tie.point_camera_mm, T_BASE_TARGET[:3, 3] - T[:3, 3], turn])
 
 
-def attained(tie: PositionOnlyCalibration, station: PositionObservation) -> np.ndarray:
-    """Where the commanded point was, base frame, mm."""
-    T_base_camera = tie.T_base_target @ station.T_target_camera
-    return transform_points(T_base_camera, tie.point_camera_mm[None])[0]
-
-
 @pytest.mark.parametrize("turns", ["free", "about_z", "none"])
 @pytest.mark.parametrize("count", [4, 12])
 def test_deviations_are_reported_whatever_the_turning(turns: str, count: int) -> None:
@@ -33,8 +27,9 @@ def test_deviations_are_reported_whatever_the_turning(turns: str, count: int) ->
     given = draw_position_stations(np.random.default_rng(1), count, turns=turns, robot_mm=1e-6)
     tie = calibrate_from_positions(given)
     assert np.linalg.norm(tie.deviations_mm, axis=1).max() < 0.3  # the camera's noise
-    for s, deviation in zip(given, tie.deviations_mm, strict=True):
-        np.testing.assert_allclose(attained(tie, s) - s.position_base_mm, deviation, atol=1e-9)
+    attained = tie.attained(np.array([s.T_target_camera for s in given]))
+    commanded = np.array([s.position_base_mm for s in given])
+    np.testing.assert_allclose(attained - commanded, tie.deviations_mm, atol=1e-9)
     uncertainty = np.sqrt(np.diag(tie.covariance))
     if turns == "free":
         assert np.all(np.abs(errors(tie)) < 4.5 * uncertainty)
@@ -76,7 +71,7 @@ def test_held_out_is_what_the_other_positions_say() -> None:
     tie = calibrate_from_positions(given)
     for i in (0, 5):
         others = calibrate_from_positions(given[:i] + given[i + 1 :])
-        expected = attained(others, given[i]) - given[i].position_base_mm
+        expected = others.attained(given[i].T_target_camera[None])[0] - given[i].position_base_mm
         held_out = tie.held_out_mm[i]
         assert held_out is not None
         np.testing.assert_allclose(held_out, expected, atol=0.02)
