@@ -24,6 +24,19 @@ MAX_REJECTED_SHARE = 0.2
 _ON_FLANGE = {"robot": ("camera", "target"), "fixed": ("target", "camera")}
 """What is on the flange, and what is fixed in the cell, by the camera's mount."""
 
+_IN_MM = "State the commanded positions in millimetres, or import them with their unit."
+_RIGHT_HANDED = (
+    "State the commanded positions in the robot's right-handed base frame, in which their orientations are."
+)
+_OTHER_POSITIONS = (
+    ((1000.0, 1000.0, 1000.0), "With the commanded positions taken as metres", _IN_MM),
+    ((25.4, 25.4, 25.4), "With the commanded positions taken as inches", _IN_MM),
+    ((-1.0, 1.0, 1.0), "With the commanded positions mirrored along x", _RIGHT_HANDED),
+    ((1.0, -1.0, 1.0), "With the commanded positions mirrored along y", _RIGHT_HANDED),
+    ((1.0, 1.0, -1.0), "With the commanded positions mirrored along z", _RIGHT_HANDED),
+)
+"""By what commanded positions are multiplied, how that is said, and what to do if the poses agree then."""
+
 
 def calibrate_or_explain(
     stations: Sequence[HandEyeObservation], mount: CameraMount | None
@@ -85,11 +98,35 @@ def _explained(
     found = far_better(stations, mount, (math.inf, math.inf))
     if found is not None:
         return kind(f"{failure.detail} {found.detail}", found.advice)
+    for factors, what, advice in _OTHER_POSITIONS:
+        agreeing = _with_positions(stations, np.array(factors))
+        if agreeing is not None:
+            return kind(
+                f"{failure.detail} {what} the poses agree to {agreeing.robot_position_mm:.2g} mm.", advice
+            )
     return kind(
         failure.detail,
         f"{failure.advice} If these are right: the {moving} has to be on the flange and the {fixed} in the cell, not "
         "the other way round, and each image has to be taken after the robot reached its pose.",
     )
+
+
+def _with_positions(
+    stations: Sequence[HandEyeObservation], factors: Float[np.ndarray, "3"]
+) -> HandEyeCalibration | None:
+    """Return the frames with commanded positions in other units or mirrored; None where they explain no more."""
+    others = []
+    for one in stations:
+        T = one.T_base_flange.copy()
+        T[:3, 3] *= factors
+        others.append(replace(one, T_base_flange=T))
+    try:
+        tie = calibrate_hand_eye(others)
+    except GridposeError:
+        return None
+    rejected = sum(not one.used for one in tie.deviations)
+    large = any(warning.code == RESIDUALS_LARGE for warning in tie.warnings)
+    return None if large or rejected > MAX_REJECTED_SHARE * len(stations) else tie
 
 
 def _turn(T: Float[np.ndarray, "n 4 4"]) -> float:

@@ -267,6 +267,11 @@ def test_two_focus_groups_share_the_scale_of_a_print() -> None:
     assert u[0] == pytest.approx(u[1], rel=0.05)
 
 
+def with_positions(station: HandEyeObservation, factors: list[float]) -> np.ndarray:
+    T = station.T_base_flange
+    return transform(T[:3, :3], T[:3, 3] * factors)
+
+
 def stations(wrong: str) -> list[HandEyeObservation]:
     """Ten stations of one mistake."""
     found = draw_stations(np.random.default_rng(4), 10)
@@ -277,6 +282,9 @@ def stations(wrong: str) -> list[HandEyeObservation]:
         "orientations missing": lambda s: {
             "T_base_flange": transform(first.T_base_flange[:3, :3], s.T_base_flange[:3, 3])
         },
+        "metres": lambda s: {"T_base_flange": with_positions(s, [1e-3, 1e-3, 1e-3])},
+        "inches": lambda s: {"T_base_flange": with_positions(s, [1.0 / 25.4] * 3)},
+        "left-handed": lambda s: {"T_base_flange": with_positions(s, [1.0, -1.0, 1.0])},
         "other poses": lambda s: {"T_base_flange": found[int(s.pose_id[1:]) * 7 % 10].T_base_flange},
     }[wrong]
     return [dataclasses.replace(s, covariance=None, **changed(s)) for s in found]
@@ -288,6 +296,9 @@ def stations(wrong: str) -> list[HandEyeObservation]:
         ("target on the flange", "With the camera fixed and the target on the flange"),
         ("camera at rest", "stands still"),
         ("orientations missing", "do not turn"),
+        ("metres", "taken as metres"),
+        ("inches", "taken as inches"),
+        ("left-handed", "mirrored along y"),
         ("other poses", "the other way round"),
     ],
 )
