@@ -108,7 +108,7 @@ def _judge(
             Advisory(
                 f"{what}_clusters",
                 f"{count} of {len(distances)} cycles ({named} in their order) lie more than {MIN_GAP:g} times as far "
-                f"out in {what} as the others. That is no scatter of one process: the verdict is not_steady.",
+                f"out in {what} as the others. That is no scatter of one process: the pose is not steady.",
                 "Look at the scatter: the robot may stop at two places, or two poses may share one tag. A wrong pose "
                 "or cycle of an image can be corrected, and a measurement excluded (PATCH "
                 "/v1/measurements/{measurement_id}, `gridpose measurements correct` and `exclude`).",

@@ -267,8 +267,8 @@ def _disagreement(group: FocusGroup) -> Advisory | None:
         f"{group.estimate.inflation:.1f}. Repeatability is judged pose by pose: what all images of a pose share does "
         f"not scatter. Worst: {worst}.",
         "Check that all images are of one camera and none is turned, that focus and zoom stayed as they were, and that "
-        "the print is flat; give each camera and setting a focus_group of its own, or use "
-        "estimator=pooled_free_focal where the lens refocuses.",
+        "the print is flat, as long and as wide as stated; give each camera and setting a focus_group of its own, or "
+        "use estimator=pooled_free_focal where the lens refocuses.",
     )
 
 

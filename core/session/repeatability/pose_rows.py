@@ -210,13 +210,13 @@ def _figures_by_process(
         of_all = process_without(steadiness, visits, ())
         figures |= _assessed({name: visits[name] for name in mistaken}, of_all)
     if with_outliers:
-        left_out = {one.visit.measurement_id for one in tags.mistaken} | {
+        excluded = {one.visit.measurement_id for one in tags.mistaken} | {
             visits[name][outlier.index].measurement_id
             for name in with_outliers
             for outlier in figures[name].outliers
         }
         others = {name: visits[name] for name in figures if name not in with_outliers | mistaken}
-        of_others = _assessed(others, process_without(steadiness, visits, left_out))
+        of_others = _assessed(others, process_without(steadiness, visits, excluded))
         figures |= {name: _with_lower_ends(figures[name], one) for name, one in of_others.items()}
     return {name: figures[name] for name in visits}
 

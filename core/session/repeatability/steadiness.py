@@ -89,18 +89,18 @@ def session_steadiness(
 
 
 def process_without(
-    steadiness: SessionSteadiness, visits: Mapping[str, Sequence[MeasuredPose]], left_out: Collection[str]
+    steadiness: SessionSteadiness, visits: Mapping[str, Sequence[MeasuredPose]], excluded: Collection[str]
 ) -> CycleProcess:
     """Return the process of a session's cycles without those of these measurements."""
     p_values = steadiness.found.p_values
     is_correlated = p_values is not None and p_values.autocorrelation <= CORRELATED
-    return _process([visits[name] for name in steadiness.pose_ids], left_out, is_correlated=is_correlated)
+    return _process([visits[name] for name in steadiness.pose_ids], excluded, is_correlated=is_correlated)
 
 
 def _process(
-    poses: Sequence[Sequence[MeasuredPose]], left_out: Collection[str], *, is_correlated: bool
+    poses: Sequence[Sequence[MeasuredPose]], excluded: Collection[str], *, is_correlated: bool
 ) -> CycleProcess:
-    kept = [[visit for visit in of_pose if visit.measurement_id not in left_out] for of_pose in poses]
+    kept = [[visit for visit in of_pose if visit.measurement_id not in excluded] for of_pose in poses]
     series = [_series(of_pose) for of_pose in kept if len(of_pose) >= MIN_INTERVAL_CYCLES]
     usable = [one for one in series if not hides_scatter(one.positions_mm)]
     return estimate_process(
