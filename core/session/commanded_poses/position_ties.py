@@ -67,7 +67,7 @@ def by_measured_orientation(visits: Visits, commands: Commands, process: CyclePr
         stations,
         chosen,
         mean_position_noise(list(chosen.values()), process),
-        list(zip(tie.deviations_mm, tie.leverage, tie.common, tie.used, strict=True)),
+        list(zip(tie.deviations_mm, tie.leverage, tie.common, tie.used.tolist(), strict=True)),
         [(off, common) for off, common, _ in deviations],
     )
     R_base_target = tie.T_base_target[:3, :3]
@@ -132,10 +132,8 @@ def of_a_point(visits: Visits, commands: Commands, process: CycleProcess | None)
         chosen,
         mean_position_noise(list(chosen.values()), process),
         [
-            (off, leverage, none, used)
-            for off, leverage, used in zip(
-                residuals, R_base_instrument @ tie.leverage @ R_base_instrument.T, tie.used, strict=True
-            )
+            (off, R_base_instrument @ leverage @ R_base_instrument.T, none, used)
+            for off, leverage, used in zip(residuals, tie.leverage, tie.used.tolist(), strict=True)
         ],
         [
             (residuals[place[p]] - R_base_instrument @ offset, none)
