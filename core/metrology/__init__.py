@@ -91,6 +91,7 @@ from core.metrology.repeatability import (
     assess_radial,
     assess_repeatability,
     assess_three_sigma,
+    find_label_shifts,
     find_misplaced_visits,
     noise_only_lengths,
 )
@@ -213,6 +214,7 @@ __all__ = [
     "estimate_process",
     "ewma_limit",
     "ewma_run_length",
+    "find_label_shifts",
     "find_misplaced_visits",
     "find_resolution",
     "floor_budget",

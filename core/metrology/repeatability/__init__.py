@@ -7,6 +7,7 @@ from core.metrology.repeatability.intervals import (
     assess_three_sigma,
     noise_only_lengths,
 )
+from core.metrology.repeatability.label_shifts import find_label_shifts
 from core.metrology.repeatability.misplaced_visits import MisplacedVisit, find_misplaced_visits
 from core.metrology.repeatability.outliers import CLUSTERS, Outlier
 from core.metrology.repeatability.statistics import cycle_statistics
@@ -25,6 +26,7 @@ __all__ = [
     "assess_repeatability",
     "assess_three_sigma",
     "cycle_statistics",
+    "find_label_shifts",
     "find_misplaced_visits",
     "noise_only_lengths",
 ]

@@ -24,7 +24,7 @@ from jaxtyping import Float
 
 MIN_FAR = 20.0
 MAX_NEAR = 5.0
-_MIN_CENTRE = 3
+MIN_CENTRE = 3
 """Visits whose median one that is mistaken does not shift."""
 _FAR_OF_TWO = 5.0
 """Two visits have to lie so many times as far apart: nothing says which of them is the pose's own."""
@@ -56,14 +56,14 @@ def find_misplaced_visits(
             for one, centre in zip(positions_mm, centres, strict=True)
         ]
     )
-    scale = np.where(sizes >= _MIN_CENTRE, spreads, 0.0)
+    scale = np.where(sizes >= MIN_CENTRE, spreads, 0.0)
     scale = np.maximum(scale, np.nanmedian(spreads))
     # Of two visits far apart the middle is nobody's place.
-    placed = (sizes >= _MIN_CENTRE) | ~(spreads > MAX_NEAR * scale)
+    placed = (sizes >= MIN_CENTRE) | ~(spreads > MAX_NEAR * scale)
     of_frame = np.asarray(frames)
     found = []
     for i, visits in enumerate(positions_mm):
-        several = int(sizes[i]) >= _MIN_CENTRE
+        several = int(sizes[i]) >= MIN_CENTRE
         if several:
             own = np.linalg.norm(visits - centres[i], axis=1)
             suspect = np.flatnonzero(own > MIN_FAR * scale[i])

@@ -25,13 +25,16 @@ from core.session.repeatability.confirmation import unconfirmed
 from core.session.repeatability.degraded_images import degraded_warning
 from core.session.repeatability.performance import Performance, assess_performance
 from core.session.repeatability.pose_rows import PoseRow, PoseRows, image_rows, measured_rows
-from core.session.repeatability.steadiness import SessionSteadiness, steadiness_warnings
+from core.session.repeatability.steadiness import (
+    SessionSteadiness,
+    steadiness_warnings,
+    without_robot_verdict,
+)
 from core.session.repeatability.stops import BurstNoise, burst_warnings, images_of, stop_mean
 from core.session.repeatability.visit_tags import (
     VisitTags,
     cycle_warnings,
     tag_warnings,
-    without_robot_verdict,
 )
 from core.session.repeatability.withheld import (
     measured_pose_warnings,

@@ -38,9 +38,10 @@ from core.session.repeatability.steadiness import (
     not_steady,
     process_without,
     session_steadiness,
+    without_robot_verdict,
 )
 from core.session.repeatability.stops import BurstNoise, burst_noise, merge_bursts, with_burst_noise
-from core.session.repeatability.visit_tags import VisitTags, visit_tags, without_robot_verdict
+from core.session.repeatability.visit_tags import VisitTags, visit_tags
 from core.session.repeatability.witness import Witness, WitnessMotion, without_motion, witness_motion
 from core.session.visits import cycles_of, positions_of, rotations_of
 
@@ -111,7 +112,7 @@ def image_rows(data: SessionData, estimate: SessionEstimate, witness: Witness | 
     stops = {pose_id: merge_bursts(of_pose) for pose_id, of_pose in visits.items()}
     bursts = burst_noise(stops)
     assessed = _rows(
-        with_burst_noise(stops, bursts), excluded, estimate.unsteady | estimate.differing, witness
+        data, with_burst_noise(stops, bursts), excluded, estimate.unsteady | estimate.differing, witness
     )
     with_all = assess_cycles([cycles_of(merge_bursts(of_pose)) for of_pose in whole.values()])
     figures = {pose_id: one.repeatability for pose_id, one in zip(whole, with_all, strict=True)}
@@ -127,7 +128,7 @@ def measured_rows(data: SessionData, witness: Witness | None = None) -> PoseRows
     visits: dict[str, list[MeasuredPose]] = {}
     for pose in readings(data):
         visits.setdefault(pose.pose_id, []).append(pose)
-    return _rows(visits, {}, frozenset(), witness)
+    return _rows(data, visits, {}, frozenset(), witness)
 
 
 def drift_of(row: PoseRow) -> tuple[Int[np.ndarray, " n"], Drift] | None:
@@ -164,6 +165,7 @@ def accuracy_drift_of(row: PoseRow, accuracy: PoseAccuracy | None, found: Drift)
 
 
 def _rows(
+    data: SessionData,
     visits: Mapping[str, Sequence[MeasuredPose]],
     excluded: Mapping[str, Sequence[ExcludedMeasurement]],
     unreliable: frozenset[str],
@@ -173,7 +175,7 @@ def _rows(
     if motion is not None and motion.witness.subtract:
         visits = without_motion(visits, motion)
     several = [pose_id for pose_id in visits if visits[pose_id]]
-    tags = visit_tags(visits)
+    tags = visit_tags(visits, data.targets, data.camera_mount)
     # What differs between focus groups is no motion.
     steadiness = session_steadiness(
         {p: of_pose for p, of_pose in visits.items() if p not in tags.mixed},

@@ -140,6 +140,33 @@ def not_steady(figures: PoseRepeatability) -> PoseRepeatability:
     )
 
 
+def without_robot_verdict(figures: PoseRepeatability) -> PoseRepeatability:
+    """Return the figures of a pose that scatters by its camera's change, by what its images do not all show, or by a
+    visit that is not its own.
+
+    No verdict is `robot`, and nothing is subtracted from the figures: the instrument's share is not known.
+    """
+
+    def judged(verdict: Verdict | None) -> Verdict | None:
+        return Verdict.INSTRUMENT_LIMITED if verdict == Verdict.ROBOT else verdict
+
+    return replace(
+        figures,
+        verdict=judged(figures.verdict) or figures.verdict,
+        verdicts=PerComponent(*(judged(verdict) for _, verdict in figures.verdicts.items())),
+        corrected=figures.repeatability,
+        corrected_interval=PerComponent(None, None, None, None, None, None, None),
+    )
+
+
+def too_few_cycles(figures: PoseRepeatability) -> PoseRepeatability:
+    """Return the figures of a pose whose visits are too few different ones."""
+    verdicts = (
+        None if verdict is None else Verdict.TOO_FEW_CYCLES for _, verdict in figures.verdicts.items()
+    )
+    return replace(figures, verdict=Verdict.TOO_FEW_CYCLES, verdicts=PerComponent(*verdicts))
+
+
 def steadiness_warnings(steadiness: SessionSteadiness, *, instrument: bool = False) -> list[Advisory]:
     """Say what moved, by how much and from which cycle on, in which cycles all poses were displaced, which poses have
     two stopping points, or why nothing was tested; of readings of another `instrument`, in its words.

@@ -8,42 +8,49 @@ nothing is accepted where
   be free of it, but also of what the robot moved between the groups, which are mostly one after the other;
 - visits share pose and cycle: images of one stop are no independent cycles;
 - visits are copies: of one image, or equal to the last digit where readings are not rounded to a step;
-- a visit lies at another pose (`core.metrology.find_misplaced_visits`).
+- a visit lies at another pose (`core.metrology.find_misplaced_visits`), or whole pitches off, as that of a board whose
+  points were counted from another one (`core.metrology.find_label_shifts`).
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+import numpy as np
 
 from core.errors import Advisory, listed
 from core.metrology import (
     FEW_CYCLES,
     REPEATED,
-    PerComponent,
     PoseRepeatability,
-    Verdict,
     are_unchanging,
+    find_label_shifts,
     find_misplaced_visits,
     find_resolution,
 )
-from core.session.model import MeasuredPose, natural
-from core.session.repeatability.steadiness import not_steady
-from core.session.visits import positions_of
+from core.session.model import CameraMount, MeasuredPose, natural
+from core.session.repeatability.steadiness import not_steady, too_few_cycles, without_robot_verdict
+from core.session.visits import positions_of, rotations_of
+from core.targets import TargetSpec
 
 MIXED_FOCUS = "seen in several focus groups"
 MISPLACED = "with a visit that lies at another pose"
+MISCOUNTED = "with a visit whose board was counted from another of its points"
 COPIED = "with copies of visits"
 
 
 @dataclass(frozen=True, slots=True)
 class MistakenVisit:
-    """A visit that lies at another pose; `distance_mm` is from its own pose, None where that has no place."""
+    """A visit that lies at another pose, or whose board was counted off by `shift_mm` along its x and y; `distance_mm`
+    is from its own pose, None where that has no place.
+    """
 
     visit: MeasuredPose
-    likely_pose_id: str
+    likely_pose_id: str | None
     distance_mm: float | None
+    shift_mm: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,20 +74,27 @@ class VisitTags:
             return COPIED
         if pose_id in self.mixed:
             return MIXED_FOCUS
-        return MISPLACED if any(one.visit.pose_id == pose_id for one in self.mistaken) else None
+        of_pose = [one for one in self.mistaken if one.visit.pose_id == pose_id]
+        if not of_pose:
+            return None
+        return MISCOUNTED if all(one.likely_pose_id is None for one in of_pose) else MISPLACED
 
     def judged(self, pose_id: str, figures: PoseRepeatability) -> PoseRepeatability:
         """Return a pose's figures with the verdict that the tags of its visits leave."""
         flaw = self.flaw(pose_id)
         if flaw in (REPEATED, COPIED) and pose_id in self.counts:
             if self.counts[pose_id][1] < FEW_CYCLES:
-                return _too_few_cycles(figures)
+                return too_few_cycles(figures)
             return not_steady(figures)
         return figures if flaw is None else without_robot_verdict(figures)
 
 
-def visit_tags(visits: Mapping[str, Sequence[MeasuredPose]]) -> VisitTags:
-    """Compare the tags of the visits that count, the images of a stop as one."""
+def visit_tags(
+    visits: Mapping[str, Sequence[MeasuredPose]],
+    targets: Sequence[TargetSpec] = (),
+    mount: CameraMount = "robot",
+) -> VisitTags:
+    """Compare the tags of the visits that count, the images of a stop as one; those of images before the `targets`."""
     mixed, repeated, counts = {}, {}, {}
     for pose_id, of_pose in visits.items():
         groups = {visit.image.focus_group for visit in of_pose if visit.image is not None}
@@ -102,7 +116,29 @@ def visit_tags(visits: Mapping[str, Sequence[MeasuredPose]]) -> VisitTags:
         MistakenVisit(visits[named[one.pose]][one.visit], named[one.likely_pose], one.distance_mm)
         for one in found
     )
+    known = {id(one.visit) for one in mistaken}
+    for pose_id in named:
+        mistaken += tuple(
+            one for one in _miscounted(visits[pose_id], targets, mount) if id(one.visit) not in known
+        )
     return VisitTags(mixed, repeated, counts, mistaken, copied)
+
+
+def _miscounted(
+    visits: Sequence[MeasuredPose], targets: Sequence[TargetSpec], mount: CameraMount
+) -> list[MistakenVisit]:
+    """Return the visits of a pose that lie whole pitches off."""
+    if visits[0].image is None or not targets:
+        return []
+    positions = positions_of(visits)
+    off = positions - np.median(positions, axis=0)
+    # Before a fixed camera positions are the board's, in the camera's axes.
+    rotations = rotations_of(visits)
+    in_board = off if mount == "robot" or rotations is None else np.einsum("nji,nj->ni", rotations, off)
+    found = find_label_shifts(in_board, targets[visits[0].frame].points_target())
+    return [
+        MistakenVisit(visits[k], None, float(np.linalg.norm(off[k])), shift) for k, shift in found.items()
+    ]
 
 
 def _copies(visits: Mapping[str, Sequence[MeasuredPose]]) -> tuple[tuple[str, ...], dict[str, int]]:
@@ -136,9 +172,20 @@ def _content(visit: MeasuredPose) -> object:
 def tag_warnings(tags: VisitTags) -> list[Advisory]:
     """Name the poses, groups, cycles and visits."""
     warnings = []
-    if tags.mistaken:
-        named = listed(_mistaken(one) for one in tags.mistaken)
-        of_images = any(one.visit.image is not None for one in tags.mistaken)
+    if shifted := [one for one in tags.mistaken if one.shift_mm is not None]:
+        warnings.append(
+            Advisory(
+                "visit_label_shifted",
+                f"Visits lie whole pitches of the board off their pose: {listed(_shifted(one) for one in shifted)}. "
+                "Their points were most likely counted from another one than in the other images. The figures contain "
+                "them. The verdict robot is withheld from these poses, and nothing is decided by them.",
+                "Look at these images: what covers the board's ends, or a second board in view? Exclude them and take "
+                "them again; a board with markers or a larger dot at its origin is counted right by any part.",
+            )
+        )
+    if strayed := [one for one in tags.mistaken if one.likely_pose_id is not None]:
+        named = listed(_mistaken(one) for one in strayed)
+        of_images = any(one.visit.image is not None for one in strayed)
         warnings.append(
             Advisory(
                 "visit_of_another_pose",
@@ -220,36 +267,18 @@ def cycle_warnings(visits: Mapping[str, Sequence[MeasuredPose]]) -> list[Advisor
     ]
 
 
-def without_robot_verdict(figures: PoseRepeatability) -> PoseRepeatability:
-    """Return the figures of a pose that scatters by its camera's change, by what its images do not all show, or by a
-    visit that is not its own.
-
-    No verdict is `robot`, and nothing is subtracted from the figures: the instrument's share is not known.
-    """
-
-    def judged(verdict: Verdict | None) -> Verdict | None:
-        return Verdict.INSTRUMENT_LIMITED if verdict == Verdict.ROBOT else verdict
-
-    return replace(
-        figures,
-        verdict=judged(figures.verdict) or figures.verdict,
-        verdicts=PerComponent(*(judged(verdict) for _, verdict in figures.verdicts.items())),
-        corrected=figures.repeatability,
-        corrected_interval=PerComponent(None, None, None, None, None, None, None),
-    )
+def _named(visit: MeasuredPose) -> str:
+    return f"{visit.pose_id} {'without a cycle number' if visit.cycle is None else f'cycle {visit.cycle}'}"
 
 
-def _too_few_cycles(figures: PoseRepeatability) -> PoseRepeatability:
-    verdicts = (
-        None if verdict is None else Verdict.TOO_FEW_CYCLES for _, verdict in figures.verdicts.items()
-    )
-    return replace(figures, verdict=Verdict.TOO_FEW_CYCLES, verdicts=PerComponent(*verdicts))
+def _shifted(one: MistakenVisit) -> str:
+    assert one.shift_mm is not None
+    return f"{_named(one.visit)} ({one.shift_mm[0]:g} mm along x, {one.shift_mm[1]:g} mm along y)"
 
 
 def _mistaken(one: MistakenVisit) -> str:
-    cycle = "without a cycle number" if one.visit.cycle is None else f"cycle {one.visit.cycle}"
     far = "" if one.distance_mm is None else f", {one.distance_mm:.3g} mm from it"
-    return f"{one.visit.pose_id} {cycle} (at {one.likely_pose_id}{far})"
+    return f"{_named(one.visit)} (at {one.likely_pose_id}{far})"
 
 
 def _poses(pose_ids: Sequence[str]) -> str:
