@@ -113,8 +113,8 @@ def test_a_pose_whose_instrument_changed_is_as_unsteady_as_any(monkeypatch: Any)
     rows = pose_rows._rows
     assert decided(data).found.decision is Decision.INCONCLUSIVE
 
-    def changed(visits: Any, excluded: Any, _unreliable: Any, witness: Any) -> Any:
-        return rows(visits, excluded, frozenset(visits), witness)
+    def changed(data: Any, visits: Any, excluded: Any, _unreliable: Any, witness: Any) -> Any:
+        return rows(data, visits, excluded, frozenset(visits), witness)
 
     monkeypatch.setattr(pose_rows, "_rows", changed)
     found = assess_repeatability(data)
