@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.support.service.service import wait_until
-from tests.web.conftest import HOSTILE, Cell, is_too_wide, show, violations
+from tests.web.conftest import HANGS_MS, HOSTILE, Cell, is_too_wide, show, violations
 
 pytestmark = pytest.mark.slow
 Open = Callable[..., Any]
@@ -80,6 +80,7 @@ def test_a_table_wider_than_its_box_says_so_until_its_end_is_shown(cell: Cell, o
 def test_pages_are_readable_without_scripts(cell: Cell, chromium: Any, open_page: Open) -> None:
     cookies = open_page().context.cookies()
     context = chromium.new_context(base_url=cell.url, java_script_enabled=False)
+    context.set_default_timeout(HANGS_MS)
     context.add_cookies(cookies)
     page = context.new_page()
     page.goto(f"/ui/sessions/{cell.session_id}?state=failed")
