@@ -11,6 +11,8 @@ Where `MAX_NEAR` s is more than a quarter of the pitch, every place is near such
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial import cKDTree
@@ -42,11 +44,15 @@ def find_label_shifts(
     if len(far) == 0:
         return {}
     places = grid_mm[:, :2]
-    steps = np.unique(np.round((places[:, None] - places).reshape(-1, 2), 6), axis=0)
-    lengths = np.linalg.norm(steps, axis=1)
-    if near > _MAX_SHARE * float(lengths[lengths > 0.0].min()):
+    tree = cKDTree(places)
+    if near > _MAX_SHARE * float(tree.query(places, k=2)[0][:, 1].min()):
         return {}
-    apart, step = cKDTree(steps).query(off[far, :2])
-    found = far[(np.hypot(apart, off[far, 2]) < near) & (lengths[step] > 0.0)]
-    chosen = dict(zip(far.tolist(), steps[step].tolist(), strict=True))
-    return {int(k): (chosen[k][0], chosen[k][1]) for k in found.tolist()}
+    found = {}
+    for k in far.tolist():
+        # A step of the grid takes some of its points to others; all pairs of a large board would be too many.
+        apart, reached = tree.query(places + off[k, :2])
+        start = int(np.argmin(apart))
+        if math.hypot(float(apart[start]), float(off[k, 2])) < near:
+            step = np.round(places[reached[start]] - places[start], 6)
+            found[k] = float(step[0]), float(step[1])
+    return found
