@@ -91,7 +91,7 @@ def estimate_tag_edge(
         wider = along_x * odd[:, :1] + along_y * odd[:, 1:]
         off = points_px - basis.projected[0] * basis.size_px - basis.middle_px
         wider, off = np.hsplit(_without_polynomials(basis, np.concatenate([wider, off], axis=1), weights), 2)
-        free = 2 * (int(np.count_nonzero(weights)) - basis.Q.shape[1]) - 1
+        free = 2 * (int(np.count_nonzero(weights)) - basis.polynomials.shape[2]) - 1
         square = float(np.sum(weights[:, None] * wider**2))
         if free < 1 or square < _MIN_SQUARE:
             return TagEdge(0.0, math.inf)
@@ -111,7 +111,8 @@ def _without_polynomials(
 ) -> Float[np.ndarray, "n k"]:
     """Return what the map's polynomials leave of values, by least squares."""
     if np.all(weights == 1.0):
-        return values - basis.Q @ (basis.Q.T @ values)
+        Q, _ = basis.factors
+        return values - Q @ (Q.T @ values)
     root, polynomials = np.sqrt(weights)[:, None], basis.polynomials[0]
     fitted, *_ = np.linalg.lstsq(root * polynomials, root * values, rcond=None)
     return np.asarray(values - polynomials @ fitted)

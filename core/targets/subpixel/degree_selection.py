@@ -35,7 +35,7 @@ def orthonormal(
             for i in range(k):
                 part = _product(Q[i], Q[k])
                 R[i, k] += part
-                Q[k] -= part * Q[i]
+                _take_away(Q[k], part, Q[i])
         length = math.sqrt(_product(Q[k], Q[k]))
         if length > 1e-14 * whole:
             R[k, k] = length
@@ -52,6 +52,13 @@ def _product(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> float:
     for k in range(len(a)):
         total += a[k] * b[k]
     return total
+
+
+@jit("f8[::1], f8, f8[::1]")
+def _take_away(a: Float[np.ndarray, " n"], part: float, b: Float[np.ndarray, " n"]) -> None:
+    """Subtract a part of b from a, without the array between that an expression makes."""
+    for k in range(len(a)):
+        a[k] -= part * b[k]
 
 
 @jit("f8[:, ::1], f8[:, ::1], f8[:, ::1], i8, i8")

@@ -37,9 +37,8 @@ def grid_slopes(
     """
     ideal, column, row = map(np.ascontiguousarray, (ideal, column, row))
     filled = np.where(known[:, None], values, 0.0)
-    B, Q, R = basis.polynomials, basis.Q, basis.R
-    if not known.all():
-        Q, R = orthonormal(np.where(known[:, None], B[0], 0.0))
+    B = basis.polynomials
+    Q, R = basis.factors if known.all() else orthonormal(np.where(known[:, None], B[0], 0.0))
     free, highest = int(np.count_nonzero(known)), min(basis.degree, _LIGHT_DEGREE)
     slopes, sigmas = np.empty((len(column), 2, 2)), np.zeros((len(column), 2, 2))
     for k in range(2):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -22,21 +23,24 @@ _POWERS = np.array([(degree - j, j) for degree in range(6) for j in range(degree
 _POINTS_PER_TERM = 2
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class GridBasis:
     """A homography's image of a grid's points, and the polynomials on it; all but pixels normalised.
 
-    `projected` and `polynomials` come with their derivatives: by x, y, xx, yy of the indices.
+    `projected` and `polynomials` come with their derivatives: by x, y, xx, yy, xy of the indices.
     """
 
     middle_px: Float[np.ndarray, "2"]
     size_px: float
     index_size: float
-    projected: Float[np.ndarray, "5 n 2"]
-    polynomials: Float[np.ndarray, "5 n k"]
-    Q: Float[np.ndarray, "n k"]
-    R: Float[np.ndarray, "k k"]
+    projected: Float[np.ndarray, "6 n 2"]
+    polynomials: Float[np.ndarray, "6 n k"]
     degree: int
+
+    @cached_property
+    def factors(self) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "k k"]]:
+        """Q and R of the polynomials at all points, equally weighted."""
+        return orthonormal(self.polynomials[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +52,7 @@ class GridShape:
     along_y: Float[np.ndarray, "n 2"]
     bend_x: Float[np.ndarray, "n 2"]
     bend_y: Float[np.ndarray, "n 2"]
+    bend_xy: Float[np.ndarray, "n 2"]
 
 
 def grid_basis(
@@ -83,8 +88,7 @@ def grid_basis(
     projected, polynomials = _derived(
         np.ascontiguousarray(H), indices, _POWERS[: (degree + 1) * (degree + 2) // 2]
     )
-    Q, R = orthonormal(polynomials[0])
-    return GridBasis(np.array(middle), size, index_size, projected, polynomials, Q, R, degree)
+    return GridBasis(np.array(middle), size, index_size, projected, polynomials, degree)
 
 
 @jit("f8[:, ::1], b1[::1]")
@@ -128,29 +132,31 @@ def grid_shape(
 ) -> GridShape:
     """Fit the map to the points, with no higher a polynomial than they call for, and return it at these points."""
     bend = points_px / basis.size_px - (basis.middle_px / basis.size_px + basis.projected[0])
-    Q, R, free = basis.Q, basis.R, len(bend)
-    if weights is not None:
+    free = len(bend)
+    if weights is None:
+        Q, R = basis.factors
+    else:
         root = np.sqrt(weights)[:, None]
         Q, R = orthonormal(basis.polynomials[0] * root)
         bend = bend * root
         free = int(np.count_nonzero(weights))
     coefficients = graded_coefficients(Q, R, bend, free, basis.degree)
     once, twice = basis.size_px / basis.index_size, basis.size_px / basis.index_size**2
-    scales = np.array([basis.size_px, once, once, twice, twice])
+    scales = np.array([basis.size_px, once, once, twice, twice, twice])
     return GridShape(*_evaluated(basis.projected, basis.polynomials, coefficients, scales, basis.middle_px))
 
 
 @jit("f8[:, :, ::1], f8[:, :, ::1], f8[:, ::1], f8[::1], f8[::1]")
 def _evaluated(
-    projected: Float[np.ndarray, "5 n 2"],
-    polynomials: Float[np.ndarray, "5 n k"],
+    projected: Float[np.ndarray, "6 n 2"],
+    polynomials: Float[np.ndarray, "6 n k"],
     coefficients: Float[np.ndarray, "t 2"],
-    scales: Float[np.ndarray, "5"],
+    scales: Float[np.ndarray, "6"],
     middle_px: Float[np.ndarray, "2"],
-) -> Float[np.ndarray, "5 n 2"]:
+) -> Float[np.ndarray, "6 n 2"]:
     """Return the map and its derivatives: the homography's image and the first t polynomials, in px."""
     values = np.empty_like(projected)
-    for d in range(5):
+    for d in range(6):
         for n in range(projected.shape[1]):
             u, v = projected[d, n, 0], projected[d, n, 1]
             for t in range(len(coefficients)):
@@ -166,10 +172,10 @@ def _evaluated(
 @jit("f8[:, ::1], f8[:, ::1], i8[:, ::1]")
 def _derived(
     H: Float[np.ndarray, "3 3"], x: Float[np.ndarray, "n 2"], powers: Int[np.ndarray, "k 2"]
-) -> tuple[Float[np.ndarray, "5 n 2"], Float[np.ndarray, "5 n k"]]:
-    """Return m = H x dehomogenised and the monomials m_uⁱ m_vʲ, both with their derivatives by x, y, xx, yy."""
+) -> tuple[Float[np.ndarray, "6 n 2"], Float[np.ndarray, "6 n k"]]:
+    """Return m = H x dehomogenised and the monomials m_uⁱ m_vʲ, both with their derivatives by x, y, xx, yy, xy."""
     count, terms = len(x), len(powers)
-    projected, polynomials = np.empty((5, count, 2)), np.empty((5, count, terms))
+    projected, polynomials = np.empty((6, count, 2)), np.empty((6, count, terms))
     u_powers, v_powers = np.zeros(8), np.zeros(8)  # that of degree d at d + 2: two derivatives begin with 0
     u_powers[2] = v_powers[2] = 1.0
     for n in range(count):
@@ -181,6 +187,7 @@ def _derived(
             for k in range(2):
                 projected[1 + k, n, c] = (H[c, k] - m * H[2, k]) / scale
                 projected[3 + k, n, c] = -2.0 * H[2, k] * projected[1 + k, n, c] / scale
+            projected[5, n, c] = -(H[2, 0] * projected[2, n, c] + H[2, 1] * projected[1, n, c]) / scale
         for d in range(3, 8):
             u_powers[d] = u_powers[d - 1] * projected[0, n, 0]
             v_powers[d] = v_powers[d - 1] * projected[0, n, 1]
@@ -191,9 +198,12 @@ def _derived(
             u_2, v_2 = i * (i - 1) * u_powers[i], j * (j - 1) * v_powers[j]
             polynomials[0, n, t] = u * v
             for k in range(2):
-                m_u, m_v = projected[1 + k, n]
-                polynomials[1 + k, n, t] = u_1 * v * m_u + u * v_1 * m_v
-                bent = u_2 * v * m_u * m_u + 2.0 * u_1 * v_1 * m_u * m_v + u * v_2 * m_v * m_v
+                polynomials[1 + k, n, t] = u_1 * v * projected[1 + k, n, 0] + u * v_1 * projected[1 + k, n, 1]
+            for k in range(3):
+                # along x twice, y twice, x and y
+                a_u, a_v = projected[2 if k == 1 else 1, n]
+                b_u, b_v = projected[1 if k == 0 else 2, n]
+                bent = u_2 * v * a_u * b_u + u_1 * v_1 * (a_u * b_v + a_v * b_u) + u * v_2 * a_v * b_v
                 polynomials[3 + k, n, t] = (
                     bent + u_1 * v * projected[3 + k, n, 0] + u * v_1 * projected[3 + k, n, 1]
                 )

@@ -260,9 +260,16 @@ def test_a_homography_and_its_polynomials_against_differences() -> None:
             np.testing.assert_allclose(
                 derived[3 + axis], (after - 2 * here + before) / h**2, rtol=1e-4, atol=1e-3
             )
+        corners = [values(x + h * np.array(signs))[which] for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
+        mixed = (corners[0] - corners[1] - corners[2] + corners[3]) / (4 * h**2)
+        np.testing.assert_allclose(derived[5], mixed, rtol=1e-4, atol=1e-3)
     found = normalised_homography(x, image[0], np.ones(40))
     np.testing.assert_allclose(found / found[2, 2], H, atol=1e-9)
-    c, scales, middle = rng.normal(size=(10, 2)), np.array([3.0, 2.0, 2.0, 1.5, 1.5]), np.array([7.0, -4.0])
+    c, scales, middle = (
+        rng.normal(size=(10, 2)),
+        np.array([3.0, 2.0, 2.0, 1.5, 1.5, 1.2]),
+        np.array([7.0, -4.0]),
+    )
     expected = (image + polynomials[:, :, :10] @ c) * scales[:, None, None]
     expected[0] += middle
     np.testing.assert_allclose(
