@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from core.geometry import normalised_homography
+from core.jit import jit
 
 PARAMETERS = 13
 _NOISE_PX = 0.02  # of a centre, compared with which the priors count
@@ -43,20 +44,24 @@ class LensMap:
 
     def bend(self, plane: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Return how far the lens displaces points of the plane from their images by the homography, px."""
-        q, _ = _projected(self.parameters, self._normalised(plane))
-        d, radial, _ = _distorted(self.parameters, q)
+        q, _ = _projected(self.parameters, self.normalised(plane))
+        d, _, radial = _radial(self.parameters, q)
         return np.asarray(self.size_px * d * radial[:, None])
 
     def bend_slopes(self, plane: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2 2"]:
         """Return the derivatives of `bend`, px per unit of the plane."""
-        x = self._normalised(plane)
+        x = self.normalised(plane)
         q, depth = _projected(self.parameters, x)
         H = self.parameters[:6].reshape(2, 3)
         by_x = (H[:, :2] - q[:, :, None] * self.parameters[6:8]) / depth[:, None, None]
-        by_q = _distorted(self.parameters, q)[2] - np.eye(2)
+        d, square, radial = _radial(self.parameters, q)
+        k1, k2, k3 = self.parameters[10:]
+        change = 2.0 * (k1 + square * (2.0 * k2 + square * 3.0 * k3))
+        by_q = radial[:, None, None] * np.eye(2) + change[:, None, None] * d[:, :, None] * d[:, None, :]
         return np.asarray(self.size_px / self.size * (by_q @ by_x))
 
-    def _normalised(self, plane: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    def normalised(self, plane: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """Return points of the plane about its middle, in units of its size."""
         return (plane - self.middle) / self.size
 
 
@@ -72,22 +77,24 @@ def fit_lens_map(
     start = start or _plain(plane, points_px, image_middle_px)
     p = start.parameters
     expected, weight = _prior(start, image_middle_px)
-    x, y = (plane - start.middle) / start.size, (points_px - start.middle_px) / start.size_px
-    mapped, J = _mapped(p, x)
-    residuals = (y - mapped).ravel()
-    squares, damping = float(residuals @ residuals + weight @ (expected - p) ** 2), _FIRST_DAMPING
+    x = np.ascontiguousarray(start.normalised(plane))
+    y = np.ascontiguousarray((points_px - start.middle_px) / start.size_px)
+
+    def at(p: Float[np.ndarray, "13"]) -> tuple[Float[np.ndarray, "13 13"], Float[np.ndarray, "13"], float]:
+        N, g, squares = equations(p, x, y)
+        return N + np.diag(weight), g + weight * (expected - p), squares + float(weight @ (expected - p) ** 2)
+
+    (N, g, squares), damping = at(p), _FIRST_DAMPING
     for _ in range(_MAX_STEPS):
-        N, g = J.T @ J + np.diag(weight), J.T @ residuals + weight * (expected - p)
         scale = np.maximum(np.diag(N), _LEAST_SCALE * np.trace(N))
         gain = 0.0
         while damping < _MOST_DAMPING:
             step = np.linalg.solve(N + np.diag(damping * scale), g)
-            with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of a step much too long
-                mapped, J_there = _mapped(p + step, x)
-                there = (y - mapped).ravel()
-                gain = squares - float(there @ there + weight @ (expected - p - step) ** 2)
+            with np.errstate(over="ignore", invalid="ignore"):  # of a step much too long
+                there = at(p + step)
+            gain = squares - there[2]
             if gain > 0.0:
-                p, J, residuals, squares = p + step, J_there, there, squares - gain
+                p, (N, g, squares) = p + step, there
                 damping = max(0.1 * damping, _LEAST_DAMPING)
                 break
             damping *= 10.0
@@ -123,22 +130,46 @@ def _prior(
     return expected, (_NOISE_PX / start.size_px / deviation) ** 2
 
 
-def _mapped(
-    p: Float[np.ndarray, "13"], x: Float[np.ndarray, "n 2"]
-) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "m 13"]]:
-    """Return the map of points, and its derivatives by the parameters, coordinate by coordinate."""
-    q, depth = _projected(p, x)
-    d, radial, by_q = _distorted(p, q)
-    ones = np.column_stack([x, np.ones(len(x))]) / depth[:, None]
-    by_h = np.zeros((len(x), 2, 8))
-    by_h[:, 0, 0:3] = by_h[:, 1, 3:6] = ones
-    by_h[:, :, 6:8] = -q[:, :, None] * ones[:, None, :2]
-    J = np.empty((len(x), 2, PARAMETERS))
-    J[:, :, :8] = by_q @ by_h
-    J[:, :, 8:10] = np.eye(2) - by_q
-    square = np.sum(d**2, axis=1)
-    J[:, :, 10:] = d[:, :, None] * np.stack([square, square**2, square**3], axis=1)[:, None, :]
-    return q + d * radial[:, None], J.reshape(-1, PARAMETERS)
+@jit("f8[::1], f8[:, ::1], f8[:, ::1]", reassociates=True)
+def equations(
+    p: Float[np.ndarray, "13"], x: Float[np.ndarray, "n 2"], y: Float[np.ndarray, "n 2"]
+) -> tuple[Float[np.ndarray, "13 13"], Float[np.ndarray, "13"], float]:
+    """Return JᵀJ and Jᵀ(y - mapped) of points that are equally weighted, J being the map's derivatives by the
+    parameters, and the sum of squares."""
+    N, g, squares = np.zeros((13, 13)), np.zeros(13), 0.0
+    J = np.zeros((2, 13))
+    c_u, c_v, k1, k2, k3 = p[8], p[9], p[10], p[11], p[12]
+    for n in range(len(x)):
+        x_u, x_v = x[n, 0], x[n, 1]
+        per_depth = 1.0 / (p[6] * x_u + p[7] * x_v + 1.0)
+        q_u = (p[0] * x_u + p[1] * x_v + p[2]) * per_depth
+        q_v = (p[3] * x_u + p[4] * x_v + p[5]) * per_depth
+        d_u, d_v = q_u - c_u, q_v - c_v
+        square = d_u * d_u + d_v * d_v
+        radial = square * (k1 + square * (k2 + square * k3))
+        change = 2.0 * (k1 + square * (2.0 * k2 + square * 3.0 * k3))
+        for c in range(2):
+            d = d_u if c == 0 else d_v
+            # the map's derivatives by q
+            by_u = change * d * d_u + (1.0 + radial if c == 0 else 0.0)
+            by_v = change * d * d_v + (1.0 + radial if c == 1 else 0.0)
+            for k in range(3):
+                along = (x_u if k == 0 else x_v if k == 1 else 1.0) * per_depth
+                J[c, k], J[c, 3 + k] = by_u * along, by_v * along
+                if k < 2:
+                    J[c, 6 + k] = -(by_u * q_u + by_v * q_v) * along
+            J[c, 8], J[c, 9] = (1.0 if c == 0 else 0.0) - by_u, (1.0 if c == 1 else 0.0) - by_v
+            J[c, 10], J[c, 11], J[c, 12] = d * square, d * square * square, d * square * square * square
+            rest = y[n, c] - (q_u if c == 0 else q_v) - d * radial
+            squares += rest * rest
+            for i in range(13):
+                g[i] += J[c, i] * rest
+                for j in range(i + 1):
+                    N[i, j] += J[c, i] * J[c, j]
+    for i in range(13):
+        for j in range(i):
+            N[j, i] = N[i, j]
+    return N, g, squares
 
 
 def _projected(
@@ -149,14 +180,11 @@ def _projected(
     return (x @ p[:6].reshape(2, 3)[:, :2].T + p[[2, 5]]) / depth[:, None], depth
 
 
-def _distorted(
+def _radial(
     p: Float[np.ndarray, "13"], q: Float[np.ndarray, "n 2"]
-) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"], Float[np.ndarray, "n 2 2"]]:
-    """Return d, the radial polynomial, and the derivatives of the map by q."""
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Return d, its squared length, and the radial polynomial."""
     d = q - p[8:10]
-    square = np.sum(d**2, axis=1)
+    square = d[:, 0] ** 2 + d[:, 1] ** 2
     k1, k2, k3 = p[10:]
-    radial = square * (k1 + square * (k2 + square * k3))
-    change = 2.0 * (k1 + square * (2.0 * k2 + square * 3.0 * k3))
-    by_q = (1.0 + radial)[:, None, None] * np.eye(2) + change[:, None, None] * d[:, :, None] * d[:, None, :]
-    return d, radial, by_q
+    return d, square, square * (k1 + square * (k2 + square * k3))

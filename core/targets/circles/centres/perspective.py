@@ -23,7 +23,6 @@ from core.targets.circles.centres.lens_map import LensMap, fit_lens_map
 from core.targets.subpixel import grid_basis, grid_shape, is_well_distributed, neighbour_inliers
 
 _OUTLINE = 8  # places on half of a dot's outline
-_DERIVATIVE_STEP = 1e-4  # grid units: for a difference that stands for a derivative
 _CORRECTIONS = 12  # at most: three, where all dots agree
 _SETTLED_PX = 5e-4
 _ASTRAY, _MISSHAPEN = 6.0, 4.0
@@ -54,8 +53,6 @@ def perspective_corrected_centres(
     measured = fitted.shapes[:, :2]
     # Before a map of all is fitted: what is half hidden would pull it.
     trusted = neighbour_inliers(ideal, measured, uncertainty_px, fitted.trusted, most_uncertain=np.inf)
-    # the second place of each dot, a little along x, shows how the slope along y changes on the way there
-    places = np.concatenate([ideal, ideal + np.array([_DERIVATIVE_STEP, 0.0])])
     shift = np.zeros((count, 2))
     lens: LensMap | None = None
     radius, off = np.zeros(count), np.zeros(count)
@@ -63,16 +60,14 @@ def perspective_corrected_centres(
         if not is_well_distributed(ideal[trusted]):
             break  # they determine no map
         centres = measured - shift
-        weights = np.concatenate([trusted.astype(np.float64), np.zeros(count)])
+        weights = trusted.astype(np.float64)
         lens = fit_lens_map(ideal[trusted], centres[trusted], image_middle_px, lens)
         bend = lens.bend(ideal)
         straight = centres - bend
-        twice = np.concatenate([straight, straight])
-        shape = grid_shape(grid_basis(places, twice, weights), twice, weights)
-        drawn = shape.points_px[:count] + bend
-        J = np.stack([shape.along_x[:count], shape.along_y[:count]], axis=2) + lens.bend_slopes(ideal)
-        mixed = (shape.along_y[count:] - shape.along_y[:count]) / _DERIVATIVE_STEP
-        second = np.stack([shape.bend_x[:count], mixed, shape.bend_y[:count]], axis=1)
+        shape = grid_shape(grid_basis(ideal, straight, weights), straight, weights)
+        drawn = shape.points_px + bend
+        J = np.stack([shape.along_x, shape.along_y], axis=2) + lens.bend_slopes(ideal)
+        second = np.stack([shape.bend_x, shape.bend_xy, shape.bend_y], axis=1)
         off = np.hypot(*(centres - drawn).T)
         radius = fitted.radius_px / np.sqrt(np.abs(J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]))
         before = trusted

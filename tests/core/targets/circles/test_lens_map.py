@@ -10,7 +10,7 @@ from core.geometry.camera import Camera, project
 from core.geometry.se3 import so3_exp, transform_points
 from core.simulation import Scene
 from core.targets import TargetSpec, detect
-from core.targets.circles.centres.lens_map import fit_lens_map
+from core.targets.circles.centres.lens_map import equations, fit_lens_map
 from tests.support.simulation.renders import render
 
 WIDE = Camera(480.0, 480.0, 322.0, 238.0, k1=-0.35, k2=0.1)
@@ -37,6 +37,26 @@ def scene_of(target: TargetSpec, seed: int, margin_px: float = 14.0, **changes: 
         if margin.max() < -margin_px:
             break
     return scene
+
+
+def test_the_normal_equations_are_those_of_the_map() -> None:
+    rng = np.random.default_rng(3)
+    x, y = rng.normal(size=(2, 30, 2))
+    p = np.array([1.1, 0.1, 0.2, -0.1, 0.9, 0.1, 0.08, -0.05, 0.1, -0.2, -0.03, 0.004, -0.0005])
+
+    def mapped(p: np.ndarray) -> np.ndarray:
+        q = np.column_stack([x, np.ones(len(x))]) @ np.append(p[:8], 1.0).reshape(3, 3).T
+        d = q[:, :2] / q[:, 2:] - p[8:10]
+        square = np.sum(d**2, axis=1, keepdims=True)
+        return np.ravel(p[8:10] + d * (1.0 + p[10] * square + p[11] * square**2 + p[12] * square**3))
+
+    h = 1e-6
+    J = np.stack([(mapped(p + e) - mapped(p - e)) / (2.0 * h) for e in h * np.eye(13)], axis=1)
+    rest = y.ravel() - mapped(p)
+    N, g, squares = equations(p, x, y)
+    np.testing.assert_allclose(N, J.T @ J, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(g, J.T @ rest, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(squares, rest @ rest, rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(5))
