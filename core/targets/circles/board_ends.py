@@ -24,6 +24,7 @@ from core.targets.subpixel import largest_level, nearest_levels
 
 _MIN_SITES = 3  # in view
 _MAJORITY = 0.6  # of those in view
+_SIDES = 4
 _FURTHER = 3  # lines beyond each side
 _MIN_SITES_FURTHER, _MAJORITY_FURTHER = 4, 0.8  # on lines after the next: nearly all of them look like dots
 _LIKE_DOTS = 0.4  # of the dots' usual contrast
@@ -77,7 +78,9 @@ def without_stray_lines(
     """
     places = along_grid_lines(lattice, target)
     extent = places.max(axis=0) + 1
-    H = find_homography(places.astype(np.float64), points_px) if extent.min() > 1 else None
+    ends = (np.bincount(places[:, axis])[[0, -1]] for axis in range(2))
+    has_few = any(count.min() <= _MAX_STRAY for count in ends)
+    H = find_homography(places.astype(np.float64), points_px) if has_few and extent.min() > 1 else None
     if H is None:
         return lattice
     y, x = np.mgrid[0 : extent[1], 0 : extent[0]]
@@ -114,18 +117,26 @@ def extends_beyond(
         return False
     white = _TOP * largest_level(image)
     across, down = np.arange(target.columns), np.arange(target.rows)
+    lines = []
     for further in range(_FURTHER):
-        sides = [
+        lines += [
             (across, np.full(target.columns, -1 - further)),
             (across, np.full(target.columns, target.rows + further)),
             (np.full(target.rows, -1 - further), down),
             (np.full(target.rows, target.columns + further), down),
         ]
-        for i, j in sides:
-            ends = _places(target, np.clip(i, 0, across[-1]), np.clip(j, 0, down[-1]))
-            if _has_dots(image, _places(target, i, j), ends, H, contrast, white, is_next=further == 0):
-                return True
-    return False
+    i, j = (np.concatenate(indices) for indices in zip(*lines, strict=True))
+    starts = np.cumsum([len(line[0]) for line in lines])[:-1]
+    sites = np.split(_places(target, i, j), starts)
+    ends = np.split(_places(target, np.clip(i, 0, across[-1]), np.clip(j, 0, down[-1])), starts)
+    looked_at = [
+        _looked_at(*line, is_next=n < _SIDES) for n, line in enumerate(zip(sites, ends, strict=True))
+    ]
+    levels = nearest_levels(image, map_in_front(H, np.concatenate(looked_at)), 1)
+    of_line = np.split(levels, np.cumsum([len(places) for places in looked_at])[:-1])
+    return any(
+        _has_dots(of_line[n], len(sites[n]), contrast, white, is_next=n < _SIDES) for n in range(len(lines))
+    )
 
 
 def _places(
@@ -136,20 +147,11 @@ def _places(
     return np.ascontiguousarray(plain.points_target(column, row)[:, :2] / target.pitch_mm)
 
 
-def _has_dots(
-    image: Shaped[np.ndarray, "h w"],
-    sites: Float[np.ndarray, "n 2"],
-    ends: Float[np.ndarray, "n 2"],
-    H: Float[np.ndarray, "3 3"],
-    contrast: float,
-    white: float,
-    *,
-    is_next: bool,
-) -> bool:
-    """Return whether most sites of a line that are in view look like dots. Saturated white at a site and at that of the
-    board's dot at the end next to it says nothing: a reflection hides both.
-    """
-    n = len(sites)
+def _looked_at(
+    sites: Float[np.ndarray, "n 2"], ends: Float[np.ndarray, "n 2"], *, is_next: bool
+) -> Float[np.ndarray, "m 2"]:
+    """Return the places that show whether a line has dots: its sites, half-way between them, and the board's dots at
+    the end next to it."""
     places = [sites, 0.5 * (sites[1:] + sites[:-1]), ends]
     if not is_next:
         # half-way to the line on one side at least: bars of a grille have none
@@ -158,7 +160,17 @@ def _has_dots(
             0.5 * np.array([-along[1], along[0]]) * np.hypot(*(sites[1] - sites[0])) / (along @ along) ** 0.5
         )
         places += [sites + to_side, sites - to_side]
-    levels = nearest_levels(image, map_in_front(H, np.concatenate(places)), 1)
+    return np.concatenate(places)
+
+
+def _has_dots(
+    levels: Float[np.ndarray, " m"], n: int, contrast: float, white: float, *, is_next: bool
+) -> bool:
+    """Return whether most of a line's n sites that are in view look like dots, by the levels at `_looked_at` places.
+
+    Saturated white at a site and at that of the board's dot at the end next to it says nothing: a reflection hides
+    both.
+    """
     at, between, at_ends = levels[:n], levels[n : 2 * n - 1], levels[2 * n - 1 : 3 * n - 1]
     around = np.full((2 if is_next else 3, n), np.nan)
     around[0, 1:], around[1, :-1] = between, between

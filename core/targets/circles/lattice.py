@@ -15,6 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
@@ -78,17 +79,14 @@ def merge_lattices(
     theirs = np.concatenate([which[:0], *(other.dots for other in others)])
     of_other = np.repeat(np.arange(len(others)), [len(other.dots) for other in others])
     free = theirs
-    around = np.arange(-_ACROSS, _ACROSS + 1)
-    steps = np.stack(np.meshgrid(around, around), axis=-1).reshape(-1, 2)
     size = np.linalg.det(dots.moments) ** 0.25
     while len(free) and len(which) < most_dots:
         centres = dots.centres[which]
         H = find_homography(places.astype(np.float64), centres)
         if H is None:
             break
-        wanted = _distinct((places[:, None] + steps).reshape(-1, 2))
-        apart, nearest = cKDTree(places).query(wanted)
-        wanted, nearest = wanted[apart > 0.0], nearest[apart > 0.0]
+        wanted = _empty_places_around(places)
+        _, nearest = cKDTree(places).query(wanted)
         drawn, right, below = (
             map_in_front(H, wanted + shift) for shift in np.array([[0, 0], [1, 0], [0, 1]])
         )
@@ -112,11 +110,14 @@ def merge_lattices(
     return DotLattice(which[kept], places[kept])
 
 
-def _distinct(places: Int[np.ndarray, "n 2"]) -> Int[np.ndarray, "k 2"]:
-    """Return each place once, in order."""
-    first, extent = places.min(axis=0), np.ptp(places, axis=0) + 1
-    p, q = (places - first).T
-    return np.column_stack(np.divmod(np.unique(p * extent[1] + q), extent[1])) + first
+def _empty_places_around(places: Int[np.ndarray, "n 2"]) -> Int[np.ndarray, "k 2"]:
+    """Return the places without a dot that a few lines part from one with a dot, in order."""
+    first = places.min(axis=0) - _ACROSS
+    is_taken = np.zeros(np.ptp(places, axis=0) + 1 + 2 * _ACROSS, dtype=np.uint8)
+    is_taken[tuple((places - first).T)] = 1
+    side = 2 * _ACROSS + 1
+    around = cv2.dilate(is_taken, np.ones((side, side), dtype=np.uint8))
+    return np.argwhere(around > is_taken) + first
 
 
 def with_single_dots(lattice: DotLattice, dots: Dots, most_dots: int) -> DotLattice:

@@ -127,6 +127,8 @@ def saturation_bias(
 ) -> Float[np.ndarray, " n"]:
     """Return how far (px) light that is added, a lamp's reflection, may have moved the centres of the dots in white
     that it saturates; 0 for the others."""
+    if not clipped.any():
+        return np.zeros(len(clipped))
     blur = fitted.shapes[:, 5]
     u, v = outlines(fitted.shapes, (-1.0 if are_dark else 1.0) * (3.0 * blur + 1.0))
     dark = levels_between(image, u, v)
