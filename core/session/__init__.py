@@ -85,7 +85,6 @@ if TYPE_CHECKING:
         assess_repeatability,
         drift_of,
         image_rows,
-        images_of,
         measured_rows,
         session_budgets,
     )
@@ -101,6 +100,7 @@ if TYPE_CHECKING:
         session_error_map,
         with_nominal_orientations,
     )
+    from core.session.visits import images_of
 
 __all__ = [
     "DRIFT_BLOCK",
@@ -186,7 +186,7 @@ __all__ = [
 ]
 _MODULES = (
     *("model", "estimate", "estimation", "absolute_poses", "robot", "calibration", "joint_noise"),
-    *("commanded_poses", "repeatability", "qualification", "next_view"),
+    *("commanded_poses", "visits", "repeatability", "qualification", "next_view"),
 )
 """Those that load least come first: from `robot` on, each loads the statistics and kinematics."""
 

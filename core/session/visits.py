@@ -1,12 +1,20 @@
-"""The visits of one pose as arrays."""
+"""The visits of one pose: as arrays, and the images of each stop of the robot as one visit.
+
+Images of one pose, cycle and target are of one stop where one of the pose and cycle has a `burst` index above 1;
+without an index it is 1. A stop counts once, as the mean of its images; the mean's noise is theirs over their number.
+Where no index is above 1, each image is a stop of its own.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
+from core.geometry import rotation_mean
 from core.metrology import PoseCycles
 from core.session.model import MeasuredPose
 
@@ -48,3 +56,56 @@ def cycles_of(visits: Sequence[MeasuredPose]) -> PoseCycles:
     return PoseCycles(
         positions_of(visits), rotations_of(visits), stack_all(visit.scatter for visit in visits)
     )
+
+
+def images_of(visit: MeasuredPose) -> tuple[MeasuredPose, ...]:
+    """Return the images of a visit: those of its burst, or itself."""
+    return visit.burst or (visit,)
+
+
+def stop_mean(images: Sequence[MeasuredPose]) -> MeasuredPose:
+    """Return the mean of the images of one stop, under the first one's id; a single image is returned as it is."""
+    if len(images) == 1:
+        return images[0]
+    first, n = images[0], len(images)
+    scatter = stack_all(one.scatter for one in images)
+    common = mean_common(images)
+    own = own_covariances(images)
+    covariance = None if own is None else np.sum(own, axis=0) / n**2
+    if covariance is not None and common is not None:
+        covariance = covariance + common @ common.T
+    rotations = rotations_of(images)
+    rms = [one.rms_px for one in images if one.rms_px is not None]
+    return replace(
+        first,
+        position_mm=np.mean([one.position_mm for one in images], axis=0),
+        rotation=None if rotations is None else rotation_mean(rotations),
+        covariance=covariance,
+        scatter=None if scatter is None else np.sum(scatter, axis=0) / n**2,
+        common=common,
+        rms_px=math.sqrt(float(np.mean(np.square(rms)))) if rms else None,
+        burst=tuple(images),
+    )
+
+
+def burst_stops(visits: Iterable[MeasuredPose]) -> set[tuple[str, int | None]]:
+    """Return pose and cycle of the stops that state several images."""
+    return {
+        (visit.pose_id, visit.cycle)
+        for visit in visits
+        if visit.image is not None and (visit.image.burst or 1) > 1 and visit.cycle is not None
+    }
+
+
+def merge_bursts(visits: Sequence[MeasuredPose], *, by_camera: bool = False) -> list[MeasuredPose]:
+    """Return visits, the images of each stop as one, in the order of their first images.
+
+    `by_camera`: images of different focus groups stay apart, whose cameras have errors of their own.
+    """
+    several = burst_stops(visits)
+    stops: dict[object, list[MeasuredPose]] = {}
+    for place, visit in enumerate(visits):
+        stop = visit.pose_id, visit.cycle
+        camera = visit.image.focus_group if by_camera and visit.image is not None else None
+        stops.setdefault((stop, visit.frame, camera) if stop in several else place, []).append(visit)
+    return [stop_mean(images) for images in stops.values()]

@@ -13,7 +13,7 @@ from core.session.repeatability.pose_rows import (
     measured_rows,
 )
 from core.session.repeatability.steadiness import SessionSteadiness
-from core.session.repeatability.stops import BurstFloor, BurstNoise, images_of
+from core.session.repeatability.stops import BurstFloor, BurstNoise
 from core.session.repeatability.witness import Witness, WitnessMotion
 
 __all__ = [
@@ -37,7 +37,6 @@ __all__ = [
     "assess_repeatability",
     "drift_of",
     "image_rows",
-    "images_of",
     "measured_rows",
     "session_budgets",
 ]

@@ -30,7 +30,7 @@ from core.session.repeatability.steadiness import (
     steadiness_warnings,
     without_robot_verdict,
 )
-from core.session.repeatability.stops import BurstNoise, burst_warnings, images_of, stop_mean
+from core.session.repeatability.stops import BurstNoise, burst_warnings
 from core.session.repeatability.visit_tags import (
     VisitTags,
     cycle_warnings,
@@ -43,6 +43,7 @@ from core.session.repeatability.withheld import (
     unscaled_accuracy,
 )
 from core.session.repeatability.witness import Witness, WitnessMotion, witness_warnings
+from core.session.visits import images_of, stop_mean
 
 
 @dataclass(frozen=True, slots=True)

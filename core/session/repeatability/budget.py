@@ -23,7 +23,7 @@ from core.session.model import SessionData
 from core.session.repeatability.assessment import SessionRepeatability
 from core.session.repeatability.pose_rows import PoseRow
 from core.session.repeatability.steadiness import equal_deviations
-from core.session.repeatability.stops import images_of
+from core.session.visits import images_of
 
 MAX_POSES = 40
 """Of more poses those of the largest RP_l have budgets."""

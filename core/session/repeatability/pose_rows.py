@@ -40,10 +40,10 @@ from core.session.repeatability.steadiness import (
     session_steadiness,
     without_robot_verdict,
 )
-from core.session.repeatability.stops import BurstNoise, burst_noise, merge_bursts, with_burst_noise
+from core.session.repeatability.stops import BurstNoise, burst_noise, with_burst_noise
 from core.session.repeatability.visit_tags import VisitTags, visit_tags
 from core.session.repeatability.witness import Witness, WitnessMotion, without_motion, witness_motion
-from core.session.visits import cycles_of, positions_of, rotations_of
+from core.session.visits import cycles_of, merge_bursts, positions_of, rotations_of
 
 _Intervals = PerComponent[tuple[float, float] | None]
 

@@ -1,9 +1,7 @@
 """Bursts: several images of one stop of the robot, which are one visit to its pose and show the instrument's noise.
 
-Images of one pose, cycle and target are of one stop where one of them has a `burst` index above 1; without an index it
-is 1. The robot did not move between them: their scatter is the instrument's alone, whatever its noise is like. A stop
-counts once, as the mean of its images; the mean's noise is theirs over their number. Where no index is above 1, each
-image is a stop of its own.
+The robot did not move between the images of a stop (`core.session.visits`): their scatter is the instrument's alone,
+whatever its noise is like.
 
 Where the images of stops scatter significantly more than the model of the noise says, what they scatter beyond it at
 a pose is added to the model's covariances there, for positions and orientations apart. Where they scatter less, the
@@ -24,7 +22,7 @@ from core.errors import Advisory
 from core.geometry import rotation_mean, rotation_vectors
 from core.metrology import PerComponent, PoseCycles, assess_repeatability
 from core.session.model import MeasuredPose
-from core.session.visits import mean_common, own_covariances, positions_of, rotations_of, stack_all
+from core.session.visits import images_of, positions_of, rotations_of, stack_all
 
 SIGNIFICANT = 0.01
 """Chance that images of a stop scatter so much more than the model says, were it right."""
@@ -65,50 +63,6 @@ class BurstNoise:
     def above_model(self) -> tuple[bool, bool]:
         """Whether the scatter within stops is significantly above the model's, and its excess is added."""
         return self.p_values[0] <= SIGNIFICANT, self.p_values[1] <= SIGNIFICANT
-
-
-def images_of(visit: MeasuredPose) -> tuple[MeasuredPose, ...]:
-    """Return the images of a visit: those of its burst, or itself."""
-    return visit.burst or (visit,)
-
-
-def stop_mean(images: Sequence[MeasuredPose]) -> MeasuredPose:
-    """Return the mean of the images of one stop, under the first one's id; a single image is returned as it is."""
-    if len(images) == 1:
-        return images[0]
-    first, n = images[0], len(images)
-    scatter = stack_all(one.scatter for one in images)
-    common = mean_common(images)
-    own = own_covariances(images)
-    covariance = None if own is None else np.sum(own, axis=0) / n**2
-    if covariance is not None and common is not None:
-        covariance = covariance + common @ common.T
-    rotations = rotations_of(images)
-    rms = [one.rms_px for one in images if one.rms_px is not None]
-    return replace(
-        first,
-        position_mm=np.mean([one.position_mm for one in images], axis=0),
-        rotation=None if rotations is None else rotation_mean(rotations),
-        covariance=covariance,
-        scatter=None if scatter is None else np.sum(scatter, axis=0) / n**2,
-        common=common,
-        rms_px=math.sqrt(float(np.mean(np.square(rms)))) if rms else None,
-        burst=tuple(images),
-    )
-
-
-def merge_bursts(visits: Sequence[MeasuredPose]) -> list[MeasuredPose]:
-    """Return the visits of a pose, the images of each stop as one, in the order of their first images."""
-    named = {
-        (visit.cycle, visit.frame)
-        for visit in visits
-        if visit.image is not None and (visit.image.burst or 1) > 1 and visit.cycle is not None
-    }
-    stops: dict[object, list[MeasuredPose]] = {}
-    for place, visit in enumerate(visits):
-        stop = (visit.cycle, visit.frame)
-        stops.setdefault(stop if stop in named else place, []).append(visit)
-    return [stop_mean(images) for images in stops.values()]
 
 
 def burst_noise(visits: Mapping[str, Sequence[MeasuredPose]]) -> BurstNoise | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from core.session.robot.stated_angles import (
     refuse_wrong_numbers,
     without_angles,
 )
-from core.session.visits import positions_of, rotations_of, stack_all
+from core.session.visits import burst_stops, merge_bursts, positions_of, rotations_of, stack_all
 
 MAX_POSES = 20_000
 """Of one identification, which takes some 20 kB for each."""
@@ -40,7 +40,7 @@ class RobotPoses:
     """Poses ready for identification.
 
     `targets` are the places, in the session's list, of the targets that `poses.target` counts, and `rows` those of the
-    poses among the session's estimate; both are empty for another instrument. `order` are the poses as they were
+    images among the session's estimate; both are empty for another instrument. `order` are the poses as they were
     measured, empty where that is not known. `excluded` are the measurements that are not among `poses`.
     """
 
@@ -67,7 +67,7 @@ def gather_robot_poses(
 def poses_of_estimate(
     data: SessionData, estimate: SessionEstimate, *, nominal_prints: bool = False
 ) -> RobotPoses:
-    """Return the estimated poses of images that carry joint angles.
+    """Return the estimated poses of images that carry joint angles; the images of one stop are one pose, their mean.
 
     Their lens and prints are errors that they share, which an identification solves for along with the robot: what the
     chain knows of where the camera was says how the print is bowed, and what the lens is. With `nominal_prints` the
@@ -94,7 +94,9 @@ def poses_of_estimate(
     if not nominal_prints:
         absolute = absolute_poses(data, estimate).poses
         counted = [absolute[pose.measurement_id] for pose in counted]
-    chosen = moving_poses(data, counted)
+    several = burst_stops(counted)
+    # The robot did not move within a stop: its scatter is in it once.
+    chosen = merge_bursts(moving_poses(data, counted), by_camera=True)
     joint_angles, order = _joint_angles(data, chosen), measuring_order(data, chosen)
     targets = tuple(sorted({pose.frame for pose in chosen}))
     poses = PoseData(
@@ -105,8 +107,8 @@ def poses_of_estimate(
         shared_errors(chosen) if nominal_prints else stacked_errors(chosen),
         np.array([targets.index(pose.frame) for pose in chosen], dtype=np.intp),
         tuple(pose.pose_id for pose in chosen),
-        # Several targets in one image are as many poses.
-        number_labels((p.pose_id, p.cycle, p.image.image if p.image else "") for p in chosen),
+        # Several targets at one stop are as many poses.
+        number_labels(_photograph(p, several) for p in chosen),
         last_moves(order, joint_angles),
     )
     without = [pose for pose, known in zip(estimate.poses, angles, strict=True) if known is None]
@@ -121,6 +123,14 @@ def poses_of_estimate(
         *(excluded_for_angles(data, pose) for pose in without),
     )
     return RobotPoses(poses, targets, np.array(keep, dtype=np.intp), order, excluded, warnings)
+
+
+def _photograph(pose: MeasuredPose, several: Set[tuple[str, int | None]]) -> tuple[str, int | None, str]:
+    """Return what names the image that shows a pose, or the stop: its focus group's images there."""
+    if pose.image is None:
+        return pose.pose_id, pose.cycle, ""
+    at_stop = (pose.pose_id, pose.cycle) in several
+    return pose.pose_id, pose.cycle, pose.image.focus_group if at_stop else pose.image.image
 
 
 def semidefinite(covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:

@@ -14,7 +14,7 @@ from core.session import (
     assess_repeatability,
     estimate_session,
 )
-from core.session.repeatability.stops import merge_bursts, stop_mean
+from core.session.visits import merge_bursts, stop_mean
 from tests.support.simulation.correlated_noise import noisy_session, session_data, white
 
 ROBOT_MM = 0.02
