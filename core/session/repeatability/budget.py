@@ -130,7 +130,7 @@ def _of_cycles(
     if not reading or interval is None:
         return
     long_run = (
-        None if trials is None else long_run_draws(process, equal_deviations(row.visits), reading, trials)
+        None if trials is None else long_run_draws(process, equal_deviations(row.visits), interval, trials)
     )
     yield FigureBudget(
         Figure.READING, row.pose_id, None, repeatability_budget(reading, interval, scale, long_run), interval

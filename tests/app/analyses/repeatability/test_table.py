@@ -259,7 +259,8 @@ def test_the_budget_explains_each_figure(api: Any, store: Store) -> None:
             total["coverage_factor"] * total["standard_uncertainty_mm"], rel=1e-3
         )
         sampled = total["monte_carlo"]
-        assert sampled["standard_uncertainty_mm"] == pytest.approx(total["standard_uncertainty_mm"], rel=0.25)
+        # The interval of twelve cycles lies about 1.2 to 1.4 times the reading, and draws scatter by as much more.
+        assert 0.9 < sampled["standard_uncertainty_mm"] / total["standard_uncertainty_mm"] < 1.5
         assert sampled["agrees"] is (sampled["difference_mm"] <= sampled["tolerance_mm"])
     plain = table(api, session)
     assert {one["monte_carlo"] for one in plain["budget_totals"]} == {None}
