@@ -153,6 +153,8 @@ def _fitted(seen: PoseScatters) -> _Fitted:
     for _ in range(_MAX_ITERATIONS):
         score, information = _score(A, seen.own + scatter_covariance(J, theta), S, freedom)
         free = usable & ((theta > 0.0) | (score > 0.0))
+        if not free.any():
+            break  # the instrument's covariance is more than all scatter
         step = np.zeros_like(theta)
         step[free] = covariance_of(information[np.ix_(free, free)]) @ score[free]
         former = best

@@ -13,26 +13,35 @@ from core.metrology import CONFIDENCE, eigenvalues, long_run_rp
 
 NORMAL_FACTOR = float(ndtri(0.5 + 0.5 * CONFIDENCE))
 _STEP = 1e-5  # of the trace, to differentiate by
+_MOST = 5.0
+"""Standard uncertainties of RP_l² by which the upper bound is above it at most: where the noise is hardly seen, or not
+at all, a normal logarithm would have bounds of metres."""
 
 
 @dataclass(frozen=True, slots=True)
 class PredictedScatter:
     """Predicted at joint angles: the covariance of the position (mm², axes of instrument or target), RP_l after
-    endless cycles with its standard uncertainty (mm), the share of the variance that the joints make, and the standard
-    deviation of a rotation (rad; None unless rotations were measured).
+    endless cycles (mm) with the standard uncertainty by the slope of RP_l over its value, the share of the variance
+    that the joints make, and the standard deviation of a rotation (rad; None unless rotations were measured).
     """
 
     covariance_mm2: Float[np.ndarray, "n 3 3"]
     rp_l_mm: Float[np.ndarray, " n"]
-    standard_uncertainty_mm: Float[np.ndarray, " n"]
+    relative_uncertainty: Float[np.ndarray, " n"]
     joint_share: Float[np.ndarray, " n"]
     rotation_deviation: Float[np.ndarray, " n"] | None
 
+    @property
+    def standard_uncertainty_mm(self) -> Float[np.ndarray, " n"]:
+        """That of RP_l, at most what the upper bound says: at no noise RP_l has no slope."""
+        upper = self.interval()[1]
+        return np.minimum(self.rp_l_mm * self.relative_uncertainty, (upper - self.rp_l_mm) / NORMAL_FACTOR)
+
     def interval(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Return the bounds of RP_l at the confidence level, its logarithm taken as normal."""
-        relative = self.standard_uncertainty_mm / np.maximum(self.rp_l_mm, 1e-300)
-        grown = np.exp(NORMAL_FACTOR * relative)
-        return self.rp_l_mm / grown, self.rp_l_mm * grown
+        """Return the bounds of RP_l at the confidence level, its logarithm normal; `_MOST` limits the upper one."""
+        reach = NORMAL_FACTOR * self.relative_uncertainty
+        above = np.minimum(reach, 0.5 * np.log1p(2.0 * _MOST * self.relative_uncertainty))
+        return self.rp_l_mm * np.exp(-reach), self.rp_l_mm * np.exp(above)
 
 
 def predict_scatter(
@@ -63,5 +72,9 @@ def predict_scatter(
         turned = np.einsum("nmj,nmj,j->n", J[:, 3:], J[:, 3:], theta[:joints]) / 3.0 + theta[-1]
         rotation = np.sqrt(turned) / noise.reach_mm
     return PredictedScatter(
-        covariance, rp, np.sqrt(np.maximum(variance, 0.0)), own / np.maximum(trace, 1e-300), rotation
+        covariance,
+        rp,
+        np.sqrt(np.maximum(variance, 0.0)) / np.maximum(rp, 1e-300),
+        own / np.maximum(trace, 1e-300),
+        rotation,
     )

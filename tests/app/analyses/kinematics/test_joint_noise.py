@@ -83,6 +83,25 @@ def test_noise_prediction_and_worst_place(api: Any, session: str) -> None:
     assert len(rows.text.splitlines()) == 7
 
 
+def test_an_instrument_that_states_more_than_all_scatter_leaves_no_noise(api: Any) -> None:
+    made: str = new_session(api, robot_id=make_robot(api))
+    send(
+        api,
+        made,
+        [{**row, "covariance": (1e4 * np.array(row["covariance"])).tolist()} for row in sent()],
+    )
+    found = body(ask(api, made, at=["0,-65,75,10,55,0"]))
+    JointNoiseAnalysis.model_validate(found, extra="forbid")
+    for one in found["joint_noise"]:
+        assert one["sigma_deg"] == one["interval_deg"][0] == 0.0
+        assert 0.0 < one["interval_deg"][1] < 1.0
+    (predicted,) = found["predictions"]
+    assert predicted["rp_l_mm"] == pytest.approx(0.0, abs=1e-5)
+    assert 0.0 < predicted["standard_uncertainty_mm"] < predicted["interval_mm"][1] < 10.0
+    assert {one["code"] for one in found["warnings"]} >= {"joint_noise_not_supported", "joint_noise_size_off"}
+    assert ask(api, made, "/map.svg").status_code == 200
+
+
 def test_the_map_is_drawn(api: Any, session: str) -> None:
     response = ask(api, session, "/map.svg")
     assert response.status_code == 200, response.text

@@ -97,6 +97,27 @@ def test_scatter_that_no_joint_makes_is_not_said_to_come_from_joints() -> None:
     assert np.all(predict_scatter(noise, seen.arm, seen.joint_angles).joint_share < 0.2)
 
 
+@pytest.mark.parametrize(("share", "stated"), [(0.0, 1.0), (0.1, 1.3), (0.1, 25.0)])
+def test_noise_that_is_not_seen_has_bounds_of_the_size_of_the_instrument_s(
+    share: float, stated: float
+) -> None:
+    """A robot that scatters less than the instrument, of which more or less is stated than shows: in most sessions of
+    the second kind no variance is above zero, and there was no answer; of the first, bounds of metres."""
+    for seed in range(6):
+        _, data, _ = repeated_poses(2000 + seed, poses=10, visits=5, joint_sigma=share * JOINT_SIGMA)
+        assert data.covariance is not None
+        seen = gather_scatters(replace(data, covariance=stated * data.covariance), KR5_ARC)
+        noise = fit_joint_noise(seen)
+        validate_joint_noise(seen, noise)
+        found = predict_scatter(noise, seen.arm, KR5_ARC_HOME[None])
+        true = replace(noise, variances=np.concatenate([(share * JOINT_SIGMA) ** 2, [0.0, 0.0]]))
+        low, high = found.interval()
+        instrument = 3.6 * 0.01 * math.sqrt(stated)  # RP_l of a sphere of its standard deviation
+        assert low[0] <= found.rp_l_mm[0] <= high[0] < 3.0 * instrument
+        assert found.standard_uncertainty_mm[0] < 1.5 * instrument
+        assert predict_scatter(true, seen.arm, KR5_ARC_HOME[None]).rp_l_mm[0] <= high[0]
+
+
 @cache
 def supported_by_chance(poses: int, visits: int, seed: int) -> list[bool]:
     """Return whether joints are supported that do not scatter, of either shape of the scatter that there is."""
