@@ -6,7 +6,8 @@ print, lens and temperature are what the test is about. A limit (maximum permiss
 and its 95 % uncertainty lie within it, exceeded where one lies beyond it.
 
 The scale is the slope of the errors over the lengths, by generalised least squares: lengths that begin at one pose have
-the error of its mean in common. What the visits scatter is taken as one of all poses, so that few visits weigh rightly.
+the error of its mean in common. What the visits scatter is taken as one of all poses, and drawn towards one that is
+equal in all directions, so that few visits weigh rightly: least squares prefer what happened to scatter little.
 
 References: VDI/VDE 2634 part 1 (length measurement error); ASTM E2919 (pose measurement systems); ISO/TS 23165:2006
 (test value uncertainty); ISO 14253-1:2017.
@@ -29,6 +30,8 @@ from core.metrology.rp_distribution import CONFIDENCE
 
 _MANY = 1e6
 """Degrees of freedom of a stated uncertainty."""
+_EQUAL_DIRECTIONS = 4.0
+"""Degrees of freedom as which a scatter equal in all directions counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +128,9 @@ def _covariance(
         row[place[id(second)] : place[id(second)] + 3] = way / np.linalg.norm(way)
     freedom = sum(len(cycles) - 1 for cycles in poses)
     squares = [np.cov(cycles.positions_mm.T) * (len(cycles) - 1) for cycles in poses if len(cycles) > 1]
-    scatter = np.sum(squares, axis=0) / freedom if squares else np.zeros((3, 3))
+    total = np.sum(squares, axis=0) if squares else np.zeros((3, 3))
+    equal = np.trace(total) / 3.0 / max(freedom, 1) * np.eye(3)
+    scatter = (total + _EQUAL_DIRECTIONS * equal) / (freedom + _EQUAL_DIRECTIONS)
     of_means = np.zeros((3 * len(poses),) * 2)
     for i, cycles in zip(place.values(), poses, strict=True):
         own = cycles.covariances[0, :3, :3] if cycles.covariances is not None else scatter

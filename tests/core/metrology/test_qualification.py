@@ -88,6 +88,32 @@ def test_the_scale_is_as_uncertain_as_it_says_where_lengths_share_a_pose(shared:
     assert math.sqrt(float(np.mean(np.square(z)))) == pytest.approx(1.0, abs=0.15)
 
 
+@pytest.mark.parametrize(
+    ("visits", "most"),
+    [(2, 1.35), (3, 1.25), (10, 1.15)],
+)
+@pytest.mark.parametrize("shape", [(1.0, 1.0, 1.0), (0.2, 0.2, 1.0)])
+def test_the_scale_from_few_visits_is_as_uncertain_as_it_says(
+    visits: int, most: float, shape: tuple[float, ...]
+) -> None:
+    """Seven lengths between six poses, 400 times: by the directions in which twelve readings scatter, 1.8 and 1.5."""
+    rng = np.random.default_rng(31)
+    places = rng.uniform(-300.0, 300.0, (6, 3))
+    z = []
+    for _ in range(400):
+        poses = [PoseCycles(place + rng.normal(0.0, 0.03, (visits, 3)) * np.array(shape)) for place in places]
+        lengths = []
+        for first, second in ((0, 1), (0, 2), (0, 3), (0, 4), (0, 5), (1, 3), (2, 5)):
+            stated = np.linalg.norm(places[second] - places[first]) + rng.normal(0.0, 0.002)
+            known = KnownLength(f"P{first}", f"P{second}", float(stated), 0.002)
+            lengths.append((known, poses[first], poses[second]))
+        found = qualify(lengths)
+        z.append(found.scale_ppm / found.scale_standard_uncertainty_ppm)
+    rms = math.sqrt(float(np.mean(np.square(z))))
+    # Six degrees of freedom of the scatter add a fifth by themselves.
+    assert 0.6 < rms < most
+
+
 def test_one_visit_counts_where_the_instrument_says_how_sure_it_is() -> None:
     alone = PoseCycles(np.array([[100.0, 0.0, 0.0]]), None, 0.03**2 * np.eye(6)[None])
     found = qualify([(KnownLength("A", "B", 100.0, 0.04), at(0.0), alone)])
