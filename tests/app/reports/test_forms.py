@@ -32,6 +32,22 @@ def test_the_pdf_carries_the_document_and_the_files_that_belong_to_it() -> None:
         assert document["report_id"] in page.get_textpage().get_text_range()
 
 
+def test_a_report_says_that_its_cycles_are_means_of_several_images() -> None:
+    document = archived_report("repeatability")
+    assert "mean of its images" not in render_forms(document, {}, CompanyTemplate())["html"].decode()
+    document["analyses"]["repeatability"]["bursts"] = {
+        "stop_count": 74,
+        "image_count": 185,
+        "of_position": {"ratio_to_model": 1.0187, "p_value": 0.36, "added": False},
+        "of_orientation": {"ratio_to_model": 2.416, "p_value": 1e-9, "added": True},
+    }
+    forms = render_forms(document, {}, CompanyTemplate())
+    for text in (forms["html"].decode(), pdf_text(forms["pdf"])):
+        assert "74 stops were seen in several images, 185 in all" in text
+        assert "1.02 times in position and 2.42 times in orientation" in text
+        assert "beyond it in orientation is in the floors" in text
+
+
 def test_accuracy_of_unknown_uncertainty_is_given_without_an_interval() -> None:
     document = archived_report("repeatability")
     found = document["analyses"]["repeatability"]

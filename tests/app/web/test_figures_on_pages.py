@@ -24,7 +24,7 @@ from app.web.words import (
 )
 from tests.support.service.signed_in import signed_in
 from tests.support.sessions.kinematics import make_robot
-from tests.support.sessions.stored_sessions import new_session
+from tests.support.sessions.stored_sessions import new_session, shoot, store_shots, with_fields
 from tests.support.sessions.tracked_robot import drawn_poses, readings, send, send_commands
 
 
@@ -56,6 +56,14 @@ def test_values_have_the_digits_that_their_uncertainty_supports() -> None:
     assert interval(None) == "–"
     assert (signless_zero("-0.00"), signless_zero("-0.01")) == ("0.00", "−0.01")
     assert (size(999), size(1500), size(2_340_000_000)) == ("999 bytes", "1.50 kB", "2.34 GB")
+
+
+def test_the_page_says_that_cycles_are_means_of_several_images(api: Any) -> None:
+    session = new_session(api)
+    shots = shoot(poses=2, cycles=3)
+    store_shots(api, session, [*shots, *with_fields(shoot(2, poses=2, cycles=3), burst=2)])
+    page = api.client.get(f"/ui/sessions/{session}/repeatability", headers=signed_in(api)).text
+    assert "read as the mean of its images: 6 stops in several images, 12 in all." in page
 
 
 def test_both_decisions_on_a_data_sheet_stand_on_the_page(api: Any) -> None:

@@ -149,7 +149,25 @@ def _instrument(found: Json) -> list[Block]:
     columns = ("focus group", "lens model", "images", "focal length, px", "u, px", "reduced χ²")
     caption = f"Camera, from the images of the session itself; estimator: {words(found['estimator'])}"
     found_blocks = table(caption, columns, rows, text_columns=2)
-    return [heading("Measuring instrument"), *found_blocks] if found_blocks else []
+    return [heading("Measuring instrument"), *found_blocks, *_bursts(found)] if found_blocks else []
+
+
+def _bursts(found: Json) -> list[Block]:
+    """Return that cycles are means of several images, whose scatter is the instrument's; nothing of single images."""
+    bursts = found.get("bursts")
+    if bursts is None:
+        return []
+    text = (
+        f"A cycle is a stop of the robot, read as the mean of its images: {bursts['stop_count']} stops were seen in "
+        f"several images, {bursts['image_count']} in all. Within stops they scatter "
+    )
+    sizes = [(name, bursts[f"of_{name}"]) for name in ("position", "orientation")]
+    text += " and ".join(f"{number(one['ratio_to_model'], places=2)} times in {name}" for name, one in sizes)
+    text += " what the noise of the grid points explains"
+    added = [name for name, one in sizes if one["added"]]
+    if added:
+        text += f"; what they scatter beyond it in {' and '.join(added)} is in the floors"
+    return [paragraph(f"{text}.")]
 
 
 def _poses(found: Json, inputs: Json) -> list[Block]:
