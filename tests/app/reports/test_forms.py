@@ -48,6 +48,29 @@ def test_a_report_says_that_its_cycles_are_means_of_several_images() -> None:
         assert "beyond it in orientation is in the floors" in text
 
 
+def test_a_report_has_the_rotation_vectors_that_its_warnings_send_to() -> None:
+    document = archived_report("repeatability")
+    captions = ("Scatter of orientation by rotation vectors: 3 S", "AP of orientation by rotation vectors")
+    plain = render_forms(document, {}, CompanyTemplate())["html"].decode()
+    assert not any(caption in plain for caption in captions)
+    found = document["analyses"]["repeatability"]
+    pose = found["poses"][0]
+    pose["orientation_scatter"] = {
+        "rotation_vector_deg": [0.01534, 0.0147, 0.0159],
+        "roll_pitch_yaw_deg": [0.9, 0.0147, 0.9],
+    }
+    pose["accuracy"] = {
+        **_accuracy(0.4),
+        "ap_rotation_vector_deg": [-0.00121, 0.000353, 0.0105],
+        **dict.fromkeys(("ap_roll_deg", "ap_pitch_deg", "ap_yaw_deg")),
+    }
+    found["warnings"].append({"code": "near_gimbal_lock", "detail": "Pose P1: near.", "advice": None})
+    forms = render_forms(document, {}, CompanyTemplate())
+    for text in (forms["html"].decode(), pdf_text(forms["pdf"])):
+        assert all(caption in text for caption in captions)
+        assert all(shown in text for shown in ("0.015", "\u22120.00121", "0.000353", "0.0105"))
+
+
 def test_accuracy_of_unknown_uncertainty_is_given_without_an_interval() -> None:
     document = archived_report("repeatability")
     found = document["analyses"]["repeatability"]

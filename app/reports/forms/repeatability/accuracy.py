@@ -12,13 +12,13 @@ from app.reports.forms.blocks import (
     table,
     with_interval,
 )
-from app.reports.forms.repeatability.figure_names import AP_AXES, AXES
+from app.reports.forms.repeatability.figure_names import AP_AXES, AXES, TURN_AXES
 from app.reports.forms.wording import Json
 
 
 def accuracy_blocks(found: Json, level: str) -> list[Block]:
     """Return the section on AP, or why it is not determined."""
-    rows, axes_rows = [], []
+    rows, axes_rows, turns = [], [], []
     for pose in found["poses"]:
         one = pose["accuracy"]
         if one is None:
@@ -33,6 +33,9 @@ def accuracy_blocks(found: Json, level: str) -> list[Block]:
         axes_rows.append(
             [pose["pose_id"], *(with_interval(one[name], one["interval"][name])[0] for name in AP_AXES)]
         )
+        turn = one.get("ap_rotation_vector_deg")
+        if turn is not None and one["ap_roll_deg"] is None:
+            turns.append([pose["pose_id"], *map(of_unknown_uncertainty, turn)])
     if not rows:
         return [
             heading("Pose accuracy AP (7.2.1)"),
@@ -50,6 +53,11 @@ def accuracy_blocks(found: Json, level: str) -> list[Block]:
             rows,
         ),
         *table("AP along the axes", ("pose", *AXES), axes_rows),
+        *table(
+            "AP of orientation by rotation vectors, where roll and yaw mean nothing",
+            ("pose", *TURN_AXES),
+            turns,
+        ),
     ]
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 AXES = ("x, mm", "y, mm", "z, mm", "roll, °", "pitch, °", "yaw, °")
 """Columns of what is stated along and about the axes."""
+TURN_AXES = ("about x, °", "about y, °", "about z, °")
+"""Columns of rotation vectors."""
 RP_AXES = ("rp_x_mm", "rp_y_mm", "rp_z_mm", "rp_roll_deg", "rp_pitch_deg", "rp_yaw_deg")
 AP_AXES = ("ap_x_mm", "ap_y_mm", "ap_z_mm", "ap_roll_deg", "ap_pitch_deg", "ap_yaw_deg")
 VERDICTS = {

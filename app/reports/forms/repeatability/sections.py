@@ -22,7 +22,7 @@ from app.reports.forms.blocks import (
 )
 from app.reports.forms.repeatability.accuracy import accuracy_blocks, approach_blocks, distance_blocks
 from app.reports.forms.repeatability.cycles import drift_blocks, steadiness_blocks
-from app.reports.forms.repeatability.figure_names import AXES, RP_AXES, VERDICTS
+from app.reports.forms.repeatability.figure_names import AXES, RP_AXES, TURN_AXES, VERDICTS
 from app.reports.forms.repeatability.outliers import (
     outlier_blocks,
     with_degraded_table,
@@ -263,7 +263,20 @@ def _repeatability(found: Json, level: str) -> list[Block]:
         *_verdict_notes(found),
         *table("RP along the axes: 3 S", ("pose", *AXES), by_axis),
         *table(f"{level} intervals of RP along the axes", ("pose", *AXES), intervals),
+        *_rotation_vectors(found),
     ]
+
+
+def _rotation_vectors(found: Json) -> list[Block]:
+    """Return the scatter of orientation without angles, where a warning says that these are magnified."""
+    if all(one["code"] != "near_gimbal_lock" for one in found["warnings"]):
+        return []
+    rows = [
+        [pose["pose_id"], *map(of_its_own_size, pose["orientation_scatter"]["rotation_vector_deg"])]
+        for pose in found["poses"]
+        if pose.get("orientation_scatter")
+    ]
+    return table("Scatter of orientation by rotation vectors: 3 S", ("pose", *TURN_AXES), rows)
 
 
 def _verdict_notes(found: Json) -> list[Block]:
