@@ -20,8 +20,14 @@ _IDENTITIES = (
     *("pose_id", "joint", "name", "measurement_id", "measured_pose_id"),
     *("figure", "target_id", "source", "code"),
 )
-_UNIT = re.compile(r"_(mm|deg|px|rad|s|kg|percent|min|c)$")
-_UNITS = {"deg": "degree", "percent": "%", "c": "degree Celsius"}
+_UNIT = re.compile(r"(?:_|\.(?=rad_per_m))(mm_per_h|rad_per_m|mm|deg|px|mrad|rad|s|h|kg|percent|min|c)$")
+_UNITS = {
+    "deg": "degree",
+    "percent": "%",
+    "c": "degree Celsius",
+    "mm_per_h": "mm/h",
+    "rad_per_m": "rad/m",
+}
 
 
 def figures_of(document: Mapping[str, Any], prefix: str = "") -> dict[str, Figure]:

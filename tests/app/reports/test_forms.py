@@ -12,6 +12,7 @@ import pypdfium2
 import pytest
 
 from app.reports.forms import CompanyTemplate, render_forms
+from app.reports.forms.figures import unit_of
 from app.reports.forms.kinematics import ANGLES, _result, frame_blocks
 from tests.reference.archives.make import FOLDER
 from tests.support.sessions.archived_reports import archived_report, pdf_text
@@ -46,6 +47,23 @@ def test_a_report_says_that_its_cycles_are_means_of_several_images() -> None:
         assert "74 stops were seen in several images, 185 in all" in text
         assert "1.02 times in position and 2.42 times in orientation" in text
         assert "beyond it in orientation is in the floors" in text
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("poses[P1].repeatability.rp_l_mm", "mm"),
+        ("poses[P1].mean.position_mm[2]", "mm"),
+        ("drift.poses[P1].rate_mm_per_h[1]", "mm/h"),
+        ("drift.poses[P1].rate_standard_uncertainty_mm_per_h[1]", "mm/h"),
+        ("drift.poses[P1].duration_h", "h"),
+        ("error_model.compliance[2].rad_per_m", "rad/m"),
+        ("poses[P1].accuracy.ap_roll_deg", "degree"),
+        ("poses[P1].accuracy.degrees_of_freedom", ""),
+    ],
+)
+def test_a_figure_s_unit_is_that_of_its_name(name: str, unit: str) -> None:
+    assert unit_of(name) == unit
 
 
 def test_a_report_has_the_rotation_vectors_that_its_warnings_send_to() -> None:
