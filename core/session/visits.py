@@ -1,8 +1,8 @@
 """The visits of one pose: as arrays, and the images of each stop of the robot as one visit.
 
-Images of one pose, cycle and target are of one stop where one of the pose and cycle has a `burst` index above 1;
-without an index it is 1. A stop counts once, as the mean of its images; the mean's noise is theirs over their number.
-Where no index is above 1, each image is a stop of its own.
+Images of one pose, cycle, target and focus group are of one stop where one of the pose and cycle has a `burst` index
+above 1; without an index it is 1. A stop counts once, as the mean of its images; the mean's noise is theirs over their
+number. Where no index is above 1, each image is a stop of its own.
 """
 
 from __future__ import annotations
@@ -97,15 +97,15 @@ def burst_stops(visits: Iterable[MeasuredPose]) -> set[tuple[str, int | None]]:
     }
 
 
-def merge_bursts(visits: Sequence[MeasuredPose], *, by_camera: bool = False) -> list[MeasuredPose]:
+def merge_bursts(visits: Sequence[MeasuredPose]) -> list[MeasuredPose]:
     """Return visits, the images of each stop as one, in the order of their first images.
 
-    `by_camera`: images of different focus groups stay apart, whose cameras have errors of their own.
+    Images of different focus groups stay apart: their cameras have errors of their own, by which their poses differ.
     """
     several = burst_stops(visits)
     stops: dict[object, list[MeasuredPose]] = {}
     for place, visit in enumerate(visits):
         stop = visit.pose_id, visit.cycle
-        camera = visit.image.focus_group if by_camera and visit.image is not None else None
+        camera = None if visit.image is None else visit.image.focus_group
         stops.setdefault((stop, visit.frame, camera) if stop in several else place, []).append(visit)
     return [stop_mean(images) for images in stops.values()]

@@ -96,7 +96,7 @@ def poses_of_estimate(
         counted = [absolute[pose.measurement_id] for pose in counted]
     several = burst_stops(counted)
     # The robot did not move within a stop: its scatter is in it once.
-    chosen = merge_bursts(moving_poses(data, counted), by_camera=True)
+    chosen = merge_bursts(moving_poses(data, counted))
     joint_angles, order = _joint_angles(data, chosen), measuring_order(data, chosen)
     targets = tuple(sorted({pose.frame for pose in chosen}))
     poses = PoseData(

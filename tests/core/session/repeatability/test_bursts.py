@@ -14,6 +14,7 @@ from core.session import (
     assess_repeatability,
     estimate_session,
 )
+from core.session.model import CameraViews
 from core.session.visits import merge_bursts, stop_mean
 from tests.support.simulation.correlated_noise import noisy_session, session_data, white
 
@@ -137,3 +138,19 @@ def test_an_image_without_an_index_is_the_first_of_its_stop(found: SessionRepeat
 
     assert len(merge_bursts(indexed(None, 2, 3))) == 1
     assert len(merge_bursts(indexed(None, None, None))) == len(merge_bursts(indexed(1, 1, 1))) == 3
+
+
+def test_images_of_different_focus_groups_at_one_stop_are_not_averaged(bursts: SessionData) -> None:
+    """Their cameras' errors are apart: a stop of which one image is missing would be displaced, and none was named."""
+    images = tuple(dataclasses.replace(one, focus_group=f"camera {one.burst}") for one in bursts.images)
+    views = []
+    for k in (1, 2, 3):
+        chosen = np.array([i for i, one in enumerate(images) if one.burst == k])
+        views.append(CameraViews(f"camera {k}", chosen, bursts.views[0].views.take(chosen)))
+    found = assessed(dataclasses.replace(bursts, images=images, views=tuple(views)))
+    assert "focus_groups_mixed" in {one.code for one in found.warnings}
+    for row in found.poses:
+        assert row.figures is not None
+        assert row.figures.n == 36
+        assert row.figures.verdict != "robot"
+    assert found.bursts is None
