@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from app.analyses.history.likeness import poses_in
 from app.analyses.history.summaries import Figure, Key, Summary, over_poses
 from core.metrology import ControlChart, chart_figure
 
@@ -28,10 +29,10 @@ Charts = dict[Key, ControlChart]
 
 
 def series_of(test: Sequence[Summary]) -> dict[Key, Series]:
-    """Return the figures of a test over its sessions: of poses their geometric mean, since the poses are the same."""
+    """Return the figures of a test over its sessions: of poses their geometric mean, where these are the same."""
     found: dict[Key, Series] = {}
     for report in test:
-        for key, figure in over_poses(report.figures).items():
+        for key, figure in over_poses(report.figures, poses_in(report.poses)).items():
             found.setdefault(key, []).append((report, figure))
     return found
 

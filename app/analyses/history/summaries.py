@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -14,12 +14,14 @@ from scipy.special import stdtrit
 from app.records.ids import is_id, moment_of
 from app.records.numbers import DH_PARAMETERS
 from app.reports.forms import FORMAT, FORMAT_VERSION
+from core.errors import listed
 from core.numerics import NORMAL_95
 
 Json = Mapping[str, Any]
 Key = tuple[str, str]
 """What a figure is of (a pose, a joint, a camera), and its name."""
 _POSE = ("position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg")
+_OF_POSE = "pose "
 ALL_POSES = "all poses"
 DISTANCE = "distance"
 """Between the mean positions of two poses. It needs no tie of frames, whose uncertainty in AP_p is of the size of the
@@ -78,7 +80,8 @@ def summary_of(content: bytes) -> dict[str, Any]:
     Of poses the geometric mean of a figure: histories compare the same poses alone.
     """
     found = _read(content)
-    found["figures"] = [[*key, *_row(figure)] for key, figure in over_poses(dict(found["figures"])).items()]
+    figures = over_poses(dict(found["figures"]), json.loads(found["poses"]))
+    found["figures"] = [[*key, *_row(figure)] for key, figure in figures.items()]
     read_summary(found)
     return found
 
@@ -89,20 +92,27 @@ def read_report(content: bytes) -> Summary:
     return read_summary({**found, "figures": [[*key, *_row(figure)] for key, figure in found["figures"]]})
 
 
-def over_poses(figures: Mapping[Key, Figure]) -> dict[Key, Figure]:
-    """Return figures without distances, those of poses replaced by their geometric mean, which zeros do not have."""
+def over_poses(figures: Mapping[Key, Figure], poses: Iterable[str]) -> dict[Key, Figure]:
+    """Return figures without distances, those of poses replaced by their geometric mean, which zeros do not have.
+
+    `poses` are those of the report. A mean that lacks one of them is another figure and says so: where a pose was not
+    measured, or visited once, the mean of the others is no change of the robot.
+    """
     found: dict[Key, Figure] = {}
-    of_poses: dict[str, list[float]] = {}
+    of_poses: dict[str, dict[str, float]] = {}
     for key, figure in figures.items():
         if key[1] == DISTANCE or (figure.is_length and figure.value <= 0.0):
             continue
-        if key[0].startswith("pose "):
-            of_poses.setdefault(key[1], []).append(math.log(figure.value))
+        if key[0].startswith(_OF_POSE):
+            of_poses.setdefault(key[1], {})[key[0].removeprefix(_OF_POSE)] = math.log(figure.value)
         else:
             found[key] = figure
+    every = {key[0].removeprefix(_OF_POSE) for key in figures if key[0].startswith(_OF_POSE)} | set(poses)
     for name, logs in of_poses.items():
-        mean = float(f"{math.exp(math.fsum(logs) / len(logs)):.10g}")
-        found[(ALL_POSES, name)] = Figure(mean, None, "mm", True)
+        mean = float(f"{math.exp(math.fsum(logs.values()) / len(logs)):.10g}")
+        missing = sorted(every - logs.keys())
+        of = f"{ALL_POSES} but {listed(missing)}" if missing else ALL_POSES
+        found[(of, name)] = Figure(mean, None, "mm", True)
     return found
 
 
@@ -218,7 +228,7 @@ def _figures(analyses: Json) -> Iterator[tuple[Key, Figure]]:
 
 
 def _of_pose(pose: Json) -> Iterator[tuple[Key, Figure]]:
-    of = f"pose {pose['pose_id']}"
+    of = f"{_OF_POSE}{pose['pose_id']}"
     accuracy = pose["accuracy"] or {"interval": {}}
     for name, value, interval in (
         ("RP_l", pose["repeatability"]["rp_l_mm"], pose["interval"]["rp_l_mm"]),

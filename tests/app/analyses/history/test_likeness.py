@@ -189,6 +189,27 @@ def test_a_lasting_change_is_said_of_the_sessions_that_are_comparable() -> None:
     assert (document["sessions"], len(document["session_figures"])) == (31, 62)
 
 
+def test_a_session_without_one_pose_s_figure_is_no_change_of_the_others() -> None:
+    """P3 repeats ten times worse than the others, and was visited once in one session: their mean falls by half."""
+    rng = np.random.default_rng(8)
+    reports = []
+    for number in range(1, 13):
+        document = json.loads(content(number))
+        for k, pose in enumerate(document["analyses"]["repeatability"]["poses"]):
+            value = (0.5 if k == 2 else 0.05) * float(np.exp(rng.normal(0.0, 0.05)))
+            pose["repeatability"]["rp_l_mm"], pose["interval"]["rp_l_mm"] = value, [0.8 * value, 1.3 * value]
+            if k == 2 and number == 9:
+                pose["repeatability"]["rp_l_mm"] = pose["interval"]["rp_l_mm"] = None
+        reports.append(read_summary(summary_of(json.dumps(document).encode())))
+    (test,) = charted_tests(reports, [])
+    chart = test.charts["all poses", "RP_l"]
+    assert (len(chart.values), chart.outside, chart.alarm) == (11, (), None)
+    ((report, figure),) = test.series["all poses but P3", "RP_l"]
+    assert report.report_id == reports[8].report_id
+    assert figure.value == pytest.approx(0.05, rel=0.2)
+    assert len(test.series["all poses", "noise floor"]) == 12
+
+
 def test_the_latest_report_of_a_session_counts() -> None:
     again = filed(1, report=f"rep_{9:026d}", rp_mm=0.07)
     (test,) = charted_tests([again, filed(1), filed(2)], [])
