@@ -16,6 +16,7 @@ from core.calibration.hand_eye import (
     information_so_far,
     scale_warnings,
     station_information,
+    turn_by_positions,
 )
 from core.calibration.lens_selection import LensChoice, LensEvidence, observed_radius_px, select_lens
 from core.calibration.multi_view import (
@@ -161,6 +162,7 @@ __all__ = [
     "summarise_fit",
     "symmetry_rotations",
     "transformed",
+    "turn_by_positions",
     "turned_cells",
     "vanishing_point",
     "view_of",

@@ -9,6 +9,7 @@ from core.calibration.hand_eye.calibration import MIN_POSES_TO_REJECT, calibrate
 from core.calibration.hand_eye.further_stations import information_so_far, station_information
 from core.calibration.hand_eye.initialisation import frame_rotations
 from core.calibration.hand_eye.position_only import PositionOnlyCalibration, calibrate_from_positions
+from core.calibration.hand_eye.position_start import turn_by_positions
 from core.calibration.hand_eye.result import (
     HandEyeCalibration,
     HandEyeObservation,
@@ -32,4 +33,5 @@ __all__ = [
     "information_so_far",
     "scale_warnings",
     "station_information",
+    "turn_by_positions",
 ]

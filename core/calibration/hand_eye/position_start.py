@@ -7,12 +7,29 @@ from itertools import permutations, product
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration.hand_eye.position_model import PositionProblem, PositionState, residuals
+from core.calibration.hand_eye.position_model import (
+    PositionProblem,
+    PositionState,
+    observable_directions,
+    residuals,
+)
 from core.geometry import nearest_rotation, transform
 
 _SIGNS = [np.diag(signs) for signs in product((1.0, -1.0), repeat=3)]
 _TURNS = [S @ np.eye(3)[list(order)] for order in permutations(range(3)) for S in _SIGNS]
 _CUBE = [R for R in _TURNS if np.linalg.det(R) > 0]
+
+
+def turn_by_positions(
+    positions_mm: Float[np.ndarray, "n 3"], T: Float[np.ndarray, "n 4 4"]
+) -> Float[np.ndarray, "3 3"]:
+    """Return the rotation X with positions = X (t_n + R_n point) + place, point and place unknown: the best start.
+
+    It is near the answer also where t_n itself is R_n v + w, as of a robot whose axes all meet in one point.
+    """
+    unstated = np.broadcast_to(np.zeros((6, 6)), (len(T), 6, 6))
+    problem = PositionProblem(positions_mm, T, unstated, observable_directions(T[:, :3, :3]))
+    return best_start(problem).T_base_target[:3, :3]
 
 
 def best_start(problem: PositionProblem) -> PositionState:

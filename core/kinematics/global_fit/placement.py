@@ -20,7 +20,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration import frame_rotations
+from core.calibration import frame_rotations, turn_by_positions
 from core.geometry import nearest_rotation, perpendicular, transform
 from core.kinematics.arm_model import ArmState
 from core.kinematics.global_fit.residuals import Observations, linearised
@@ -29,6 +29,8 @@ MIN_SECOND_AXIS = 0.1
 """Of the turns about the first axis: with less about a second one, positions may place the arm better."""
 MIN_THICKNESS = 0.01
 """Of the extent of positions: thinner ones lie in a plane, but for noise and tilted axes."""
+MIN_APART = 0.01
+"""Of the flange's way: the share of it that is no turning about one point. With less all axes meet there, or nearly."""
 _MM, _RAD = 1.0, 1e-3  # like weights of what is off, to choose between two placements
 
 
@@ -63,7 +65,7 @@ def placed_with_tool(
     R_B, p_B = T_base_flange[:, :3, :3], T_base_flange[:, :3, 3]
     members = [np.flatnonzero(seen.target == t) for t in range(layout.targets)]
     if seen.rotations is None:
-        turns = [_turn_by_positions(R_B[i], p_B[i], seen.positions_mm[i]) for i in members]
+        turns = [_turn_by_positions(T_base_flange[i], seen.positions_mm[i]) for i in members]
     else:
         turns = [
             nearest_rotation(np.einsum("nij,nkj->ik", seen.rotations[i], R_B[i] @ R_Z))
@@ -137,15 +139,17 @@ def _off(arm: ArmState, seen: Observations) -> float:
 
 
 def _turn_by_positions(
-    R_B: Float[np.ndarray, "n 3 3"], p_B: Float[np.ndarray, "n 3"], p: Float[np.ndarray, "n 3"]
+    T_base_flange: Float[np.ndarray, "n 4 4"], p: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "3 3"]:
     """Return X of p = X (p_B + R_B t_Z) + t_X by linear least squares.
 
     Positions count from their mean. Where they lie nearly in a plane, what is across it is taken for zero: the fit of
-    least length then leaves that part of X to the other two.
+    least length then leaves that part of X to the other two. Where all axes meet in one point, p_B is itself R_B v + w,
+    and X = 0 solves the linear equations: X is then searched for among rotations.
     """
     if not len(p):
         return np.eye(3)
+    R_B, p_B = T_base_flange[:, :3, :3], T_base_flange[:, :3, 3]
     apart = p - p.mean(axis=0)
     _, sizes, Vt = np.linalg.svd(apart, full_matrices=False)
     if len(sizes) == 3 and sizes[2] < MIN_THICKNESS * sizes[0]:
@@ -155,5 +159,10 @@ def _turn_by_positions(
         A[:, k, 3 * k : 3 * k + 3] = apart
     A[:, :, 9:12] = -R_B
     A[:, :, 12:] = -np.eye(3)
-    found = np.linalg.lstsq(A.reshape(-1, 15), p_B.ravel(), rcond=None)[0]
+    equations, b = A.reshape(-1, 15), p_B.ravel()
+    turning = equations[:, 9:]
+    left = b - turning @ np.linalg.lstsq(turning, b, rcond=None)[0]
+    if np.linalg.norm(left) <= MIN_APART * np.linalg.norm(p_B - p_B.mean(axis=0)):
+        return turn_by_positions(p, T_base_flange)
+    found = np.linalg.lstsq(equations, b, rcond=None)[0]
     return nearest_rotation(found[:9].reshape(3, 3)).T

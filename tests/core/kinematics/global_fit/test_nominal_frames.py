@@ -1,4 +1,4 @@
-"""The nominal robot is compared at its best base and tool, also where the closed form of them is degenerate."""
+"""The nominal robot is compared at its best base and tool, also where a closed form of them is degenerate."""
 
 from __future__ import annotations
 
@@ -38,3 +38,24 @@ def test_the_nominal_is_compared_at_its_best_base_and_tool(seed: int) -> None:
     # The arm is .3 mm and .03° off its nominal, at a reach of .7 m: some tenths of a millimetre.
     assert found.identified.position_rms_mm < 0.1
     assert found.identified.position_rms_mm < found.nominal.position_rms_mm < 2.0
+
+
+TILTING_TABLE = [(0.0, 90.0, 400.0, 0.0), (0.0, 0.0, 250.0, 0.0)]
+WRIST = [(0.0, -90.0, 150.0, 0.0), (0.0, 90.0, 0.0, 0.0), (0.0, 0.0, 120.0, 0.0)]
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("rows", [TILTING_TABLE, WRIST])
+def test_positions_of_an_arm_whose_axes_meet_in_one_point_are_not_taken_for_another_unit(
+    rows: list[tuple[float, float, float, float]], seed: int
+) -> None:
+    """The flange turns about one point: the linear equations of the base's rotation are then solved by zero."""
+    nominal, rng = Chain.from_rows(rows), np.random.default_rng(seed)
+    true = deviated(nominal, rng, 0.3, math.radians(0.03))
+    q = rng.uniform(-1.2, 1.2, (40, len(nominal)))
+    T = T_INSTRUMENT_BASE @ forward(true, q) @ T_FLANGE_PROBE
+    found = identify(PoseData(q, T[:, :3, 3] + rng.normal(0.0, 0.03, (40, 3))), nominal).validation
+    assert found is not None
+    assert found.nominal is not None
+    assert found.identified.position_rms_mm < 0.1
+    assert found.nominal.position_rms_mm < 2.0
