@@ -30,6 +30,9 @@ from core.numerics import Variances
 
 NEAR = 0.02
 """Of the positions' extent, and rad: a nominal robot whose misfit is smaller is taken to be this robot."""
+_EXPLAINED = 0.002
+"""Of the positions' extent: with less and rotations `NEAR`, nothing else is tried. Positions at a short lever from a
+joint that counts the other way are off by less than `NEAR`."""
 _FAR_BETTER = 0.2
 _AS_GOOD = 2.0
 """Times the misfit of the best: another joint's sign that explains the poses so well is named, too."""
@@ -43,7 +46,7 @@ _MIRROR = np.array([-1.0, 1.0, 1.0])
 def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
     """Compare what the nominal robot makes of the poses with what it makes of them otherwise.
 
-    Nothing is asked of poses that it explains to `NEAR`, or that it explains no better otherwise.
+    Nothing is asked of poses that it explains well, or that it explains no better otherwise.
 
     Raises LengthsUnitMismatch, FrameMirrored where the mirror image of the positions is far nearer,
     JointAnglesUnitMismatch and PrismaticJoint as `check_angles` does, and JointSignReversed.
@@ -51,7 +54,7 @@ def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
     seen, q = observations_of(poses), poses.joint_angles
     as_given = _fitted_misfit(nominal, q, seen)
     extent = float(np.linalg.norm(np.ptp(poses.positions_mm, axis=0)))
-    if as_given.position_mm < NEAR * extent and as_given.rotation < NEAR:
+    if as_given.position_mm < _EXPLAINED * extent and as_given.rotation < NEAR:
         return
     _check_lengths(nominal, seen, as_given, extent)
     one_sign = _signs(nominal, seen, as_given, extent, 1)
@@ -205,7 +208,7 @@ def _fitted_misfit(chain: Chain, q: Float[np.ndarray, "n j"], seen: Observations
     arm = placed(parameters, forward(chain, q), at)
     found = distances(arm, at)
     extent = float(np.linalg.norm(np.ptp(seen.positions_mm, axis=0)))
-    if found.position_mm < NEAR * extent and found.rotation < NEAR:
+    if found.position_mm < _EXPLAINED * extent and found.rotation < NEAR:
         return found
     return min(found, distances(with_fitted_frames(arm, at), at), key=lambda one: one.position_mm)
 

@@ -25,7 +25,7 @@ from core.kinematics.joint_angle_checks import check_angles
 from core.kinematics.nominal_checks import check_against_nominal
 from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import find_sweeps
-from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, free_angles, kr5_arc
+from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, T_FLANGE_CAMERA, free_angles, kr5_arc
 from tests.support.simulation.simulated_poses import Repeatability, measure_poses
 
 
@@ -222,6 +222,18 @@ def test_a_joint_that_counts_backwards_is_named_by_positions_alone(joint: int) -
     poses = replace(free_poses().take(np.arange(0, 60, 5)), rotations=None)
     with pytest.raises(JointSignReversed):
         identify(counting_backwards(poses, joint), KR5_ARC, folds=0)
+
+
+def test_a_last_joint_that_counts_backwards_is_named_by_a_reflector_near_its_axis() -> None:
+    """At 20 mm from the axis positions are off by 16 mm, 1.2 % of their extent."""
+    poses = free_poses()
+    assert poses.rotations is not None
+    to_reflector = T_FLANGE_CAMERA[:3, :3].T @ (np.array([20.0, 0.0, 80.0]) - T_FLANGE_CAMERA[:3, 3])
+    reflector = poses.positions_mm + poses.rotations @ to_reflector
+    with pytest.raises(JointSignReversed, match="joint 6 counts"):
+        identify(
+            counting_backwards(replace(poses, positions_mm=reflector, rotations=None), 5), KR5_ARC, folds=0
+        )
 
 
 def test_several_joints_that_count_backwards_are_named() -> None:
