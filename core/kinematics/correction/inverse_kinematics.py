@@ -1,27 +1,31 @@
 """Joint angles of a chain from the pose of its flange, by damped Newton steps from known configurations.
 
 A commanded pose alone leaves open how the arm reaches it. The solution nearest a configuration at which the arm was
-measured is the likeliest: there the identification holds.
+measured is the likeliest: there the identification holds. Steps from a configuration whose end is near may lead to one
+whose joints are far, or beyond what was measured: solutions from several are compared by their joint angles.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from core.kinematics.arm_model import THETA
 from core.kinematics.dh import Chain, forward, pose_with_jacobian
 
 STARTS = 4
-"""Configurations, nearest first, that are tried for each pose."""
+"""Configurations whose ends are nearest, which are tried for each pose."""
 _ITERATIONS = 60
 _LEVER_MM = 300.0
 _MAX_STEP = 0.3  # rad
 _ATTAINED_MM = 1e-6
 _DAMPING = 1e-8
+_TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,18 +46,22 @@ def solve_inverse(
     T_base_flange
         In the chain's base, mm.
     known
-        Configurations to begin at, rad; for each pose the nearest ones are tried.
+        Configurations to begin at, rad. Of the solutions found for a pose one within their range is taken, and of such
+        the one nearest to any of them.
     """
     n = len(T_base_flange)
-    at = forward(chain, known)
-    q, attained = np.zeros((n, len(chain))), np.zeros(n, dtype=np.bool_)
-    order = _nearest(T_base_flange, at)
-    for rank in range(min(STARTS, len(known))):
-        open_ones = np.flatnonzero(~attained)
-        if not len(open_ones):
-            break
-        found, reached = _descended(chain, T_base_flange[open_ones], known[order[open_ones, rank]])
-        q[open_ones], attained[open_ones] = found, reached
+    q, attained, least = np.zeros((n, len(chain))), np.zeros(n, dtype=np.bool_), np.full((2, n), np.inf)
+    order, near = _nearest(T_base_flange, forward(chain, known)), KDTree(known)
+    low, high = known.min(axis=0), known.max(axis=0)
+    for start in known[order].swapaxes(0, 1):
+        found, reached = _descended(chain, T_base_flange, start)
+        found -= _TURN * np.round((found - 0.5 * (low + high)) / _TURN)
+        off = np.stack(
+            [np.maximum(np.maximum(low - found, found - high), 0.0).max(axis=1), near.query(found)[0]]
+        )
+        nearer = (off[0] < least[0]) | ((off[0] == least[0]) & (off[1] < least[1]))
+        better = np.where(reached == attained, nearer, reached)
+        q[better], attained[better], least[:, better] = found[better], reached[better], off[:, better]
     return InverseSolution(q, attained)
 
 

@@ -180,3 +180,17 @@ def test_the_inverse_of_a_chain_is_found_from_known_configurations() -> None:
     far = T[:1].copy()
     far[0, :3, 3] *= 50.0
     assert not solve_inverse(KR5_ARC, far, known).attained[0]
+
+
+def test_the_inverse_within_what_was_measured_is_taken() -> None:
+    """Measured with the wrist bent one way, as robots work: poses there are not reached by another way of the arm."""
+    rng = np.random.default_rng(14)
+    low, high = np.radians(
+        [(-150.0, -140.0, -5.0, -170.0, 10.0, -170.0), (150.0, 50.0, 140.0, 170.0, 110.0, 170.0)]
+    )
+    known, asked = (low + (high - low) * rng.uniform(0.1, 0.9, (count, 6)) for count in (100, 200))
+    found = solve_inverse(KR5_ARC, forward(KR5_ARC, asked), known)
+    assert found.attained.all()
+    inside = np.all((found.joint_angles >= low) & (found.joint_angles <= high), axis=1)
+    assert inside.mean() > 0.95
+    assert np.mean(np.max(np.abs(found.joint_angles - asked), axis=1) < 1e-4) > 0.9
