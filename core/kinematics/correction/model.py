@@ -196,4 +196,4 @@ def predicted_variances(
     stated = np.empty((problem.seen.components, len(joint_angles)))
     for some in asked.blocks(np.arange(len(joint_angles))):
         stated[:, some] = variances(asked.rows(some), fitted) + asked.by_unknown_moves(some, fitted)
-    return np.asarray(stated + model.fit.scatter_of(level).diagonal(len(stated))[:, None])
+    return np.asarray(stated + model.fit.visit_scatter_of(level).diagonal(len(stated))[:, None])

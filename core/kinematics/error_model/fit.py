@@ -65,8 +65,30 @@ class ErrorFit:
         return np.flatnonzero(self.used)
 
     def scatter_of(self, level: Level) -> Variances:
-        """Return the scatter of a level, beyond stated covariances."""
+        """Return the scatter of configurations, the means of their visits, at a level, beyond stated covariances."""
         return _grown(self.design, self.scatter, self.levels[level].noise)
+
+    def visit_scatter_of(self, level: Level) -> Variances:
+        """Return the scatter of one visit: that of configurations, and what the mean of several visits has less."""
+        of_means, more = self.scatter_of(level), self._lost_in_means()
+        rotation = more[1] if self.design.kinds == 2 else 0.0
+        return Variances(of_means.position + more[0], of_means.rotation + rotation)
+
+    def _lost_in_means(self) -> list[float]:
+        """Return by how much a coordinate of one visit varies more than that of a mean of as many visits as there were,
+        beyond stated covariances; zero where no configuration was visited twice.
+        """
+        problem, visit = self.design, self.design.visit
+        visits = np.bincount(visit, minlength=len(problem))
+        counted = self.used[visit]
+        degrees = int(counted.sum()) - int(self.used.sum())
+        if degrees < 1:
+            return [0.0] * problem.kinds
+        apart = (problem.of_poses - problem.residuals[:, visit])[:, counted]
+        own = np.diagonal(problem.seen.own, axis1=1, axis2=2).T * visits  # `seen` has that of their mean
+        expected = (own * (visits - 1))[:, self.used].sum(axis=1)
+        spread = (np.sum(apart**2, axis=1) - expected).reshape(problem.kinds, 3).sum(axis=1) / (3.0 * degrees)
+        return [float(v) for v in np.maximum(spread, 0.0) * float(np.mean(1.0 - 1.0 / visits[self.used]))]
 
 
 def fit_levels(problem: Design, scatter: Variances) -> ErrorFit:

@@ -58,8 +58,8 @@ class ErrorModel:
 
     @property
     def scatter(self) -> Variances:
-        """What poses scatter by about the model, beyond their stated covariances."""
-        return self.fit.scatter_of(self.level)
+        """What poses scatter by about the model from visit to visit, beyond their stated covariances."""
+        return self.fit.visit_scatter_of(self.level)
 
     @property
     def held_out_ratio(self) -> float | None:

@@ -17,7 +17,13 @@ from core.kinematics.identification import Identification, identify
 from core.kinematics.identification.extension import MAX_ANGLE_UNCERTAINTY, MAX_LENGTH_UNCERTAINTY_MM
 from core.simulation.arm import KR5_ARC
 from tests.support.simulation.robots.arms import identifiable_truth, predictions, stated
-from tests.support.simulation.robots.real_arms import RealArm, angles_within_limits, measured, real_arm
+from tests.support.simulation.robots.real_arms import (
+    NOISE,
+    RealArm,
+    angles_within_limits,
+    measured,
+    real_arm,
+)
 
 
 def drawn(seed: int, count: int, *, perfect: bool = False) -> tuple[RealArm, np.ndarray, np.random.Generator]:
@@ -146,6 +152,21 @@ def test_visits_to_one_configuration_count_once() -> None:
     assert often.used.shape == (400,)
     ratio = scores(real, q, often)
     assert float(np.sqrt(np.mean(ratio**2))) < 2.0
+
+
+@pytest.mark.parametrize("perfect", [True, False])
+def test_the_scatter_is_that_of_one_visit_however_often_configurations_were_visited(*, perfect: bool) -> None:
+    real, q, rng = drawn(6, 40, perfect=perfect)
+    found = identify(measured(real, np.tile(q, (8, 1)), rng), KR5_ARC, model=ModelChoice.AUTO)
+    # 280 visits more than configurations, three coordinates each: 2.5 % of the whole, of which the robot's is a part.
+    assert found.scatter_position_mm == pytest.approx(NOISE.position_mm, rel=0.15)
+    assert found.scatter_rotation == pytest.approx(NOISE.rotation_rad, rel=0.15)
+    model = found.error_model
+    assert model is not None
+    asked = angles_within_limits(rng, 200, 0.5)
+    off = measured(real, asked, rng).positions_mm - predictions(model, asked)[0][:, :3, 3]
+    within = np.abs(off.T) <= 1.96 * predictions(model, asked)[1][:3]
+    assert np.mean(within) > 0.9
 
 
 @pytest.mark.slow
