@@ -199,4 +199,6 @@ def _show_program(program: Program, *, frames_given: bool) -> None:
         )
     if program.incomplete_lines:
         lines = ", ".join(map(str, program.incomplete_lines))
-        console.print(f"[yellow]Points that are not whole were left as they are: line {lines}.[/]")
+        console.print(
+            f"[yellow]Points that are not whole, or that no move takes, were left as they are: line {lines}.[/]"
+        )

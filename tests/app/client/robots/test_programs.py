@@ -46,9 +46,12 @@ UR = """def part():
   global Waypoint_1_p=p[.4, -.2, 0.3, 2.1, -1.2, 0.4]
   global Waypoint_1_q=[-0.5, -1.6, 1.5, -1.4, -1.57, 0.1]
   movej([0.1, -1.5, 1.4, 0.2, 0.3, 0.4], a=1.4, v=1.05)
-  movel(Waypoint_1_p, a=1.2, v=0.25)
+  movej(get_inverse_kin(Waypoint_1_p, qnear=Waypoint_1_q), a=1.2, v=0.25)
   movec(p[0.5, 0, 0.3, 3.1, 0, 0], p[0.5, 0.1, 0.3, 3.1, 0, 0], a=1.2, v=0.25)
   weights = [1, 2, 3]
+  selection = [0, 0, 1, 0, 0, 0]
+  speeds = [0.0, -0.3, 0.2, -0.1, 0.1, 0.0]
+  speedj(speeds, 0.5, 2)
 end
 """
 FANUC = """/PROG  PART1
@@ -205,7 +208,9 @@ def test_columns_of_a_listing_stay_aligned(tmp_path: Path) -> None:
     assert len(written) == len(FANUC)
 
 
-@pytest.mark.parametrize(("make", "lines"), [("kuka", (10,)), ("abb", (6,)), ("ur", ()), ("fanuc", (18,))])
+@pytest.mark.parametrize(
+    ("make", "lines"), [("kuka", (10,)), ("abb", (6,)), ("ur", (9, 10)), ("fanuc", (18,))]
+)
 def test_points_that_are_not_whole_are_named_by_their_lines(
     tmp_path: Path, make: str, lines: tuple[int, ...]
 ) -> None:

@@ -143,11 +143,19 @@ _URSCRIPT = re.compile(
 )
 
 
+_UR_MOVES = re.compile(r"\b(?:movej|movel|movep|movec|servoj|servoc|get_inverse_kin)[ \t]*\([^\r\n]*", _FLAGS)
+
+
 def _urscript(text: str) -> Iterator[Found]:
+    taken = {name for moves in _UR_MOVES.findall(text) for name in re.findall(r"[A-Za-z_]\w*", moves)}
     for match in _URSCRIPT.finditer(text):
-        spans = _listed(text, *match.span("body"), 6)
-        if spans is not None or match["pose"]:
-            yield Found(match.start(), match["name"] or "", not match["pose"], spans)
+        spans, is_joints = _listed(text, *match.span("body"), 6), not match["pose"]
+        if is_joints and spans is None:
+            continue
+        # Speeds, forces and limits are six numbers, too: joint angles are those that a move takes.
+        if is_joints and match["name"] and match["name"] not in taken:
+            spans = None
+        yield Found(match.start(), match["name"] or "", is_joints, spans)
 
 
 _TP = re.compile(r"^[ \t]*P\[(?P<number>\d+)(?:[ \t]*:[ \t]*\"(?P<name>[^\"]*)\")?[^\]]*\][ \t]*\{", _FLAGS)
