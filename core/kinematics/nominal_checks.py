@@ -58,13 +58,13 @@ def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
         return
     _check_lengths(nominal, seen, as_given, extent)
     one_sign = _signs(nominal, seen, as_given, extent, 1)
-    if one_sign is None or seen.rotations is None:
-        _check_handedness(nominal, poses)
+    if not one_sign or seen.rotations is None:
+        _check_handedness(nominal, poses, min((m.position_mm for m in one_sign.values()), default=math.inf))
     _check_angle_unit(nominal, seen, as_given)
     for count in range(1, poses.joints + 1):
         found = one_sign if count == 1 else _signs(nominal, seen, as_given, extent, count)
-        if found is not None:
-            raise found
+        if found:
+            raise _reversed(found, as_given, extent)
     if seen.rotations is None or as_given.rotation < NEAR:
         return
     for joint in range(poses.joints):
@@ -100,14 +100,16 @@ def _check_lengths(nominal: Chain, seen: Observations, as_given: Misfit, extent:
         )
 
 
-def _check_handedness(nominal: Chain, poses: PoseData) -> None:
-    """Compare with the mirror image of the positions alone: rotations may be mirrored with them, or be right."""
+def _check_handedness(nominal: Chain, poses: PoseData, by_sign_mm: float) -> None:
+    """Compare with the mirror image of the positions alone: rotations may be mirrored with them, or be right. A joint's
+    sign that leaves `by_sign_mm` explains poses better than an image that is farther off.
+    """
     q, alone = poses.joint_angles, replace(poses, rotations=None)
     mirrored = replace(alone, positions_mm=_MIRROR * poses.positions_mm)
     as_given, image = (
         _fitted_misfit(nominal, q, observations_of(one)).position_mm for one in (alone, mirrored)
     )
-    if image < _FAR_BETTER * as_given:
+    if image < min(_FAR_BETTER * as_given, _AS_GOOD * by_sign_mm):
         raise FrameMirrored(
             f"The nominal robot is off the positions by {as_given:.3g} mm, and off their mirror image by {image:.3g} "
             "mm: their frame is left-handed."
@@ -132,13 +134,13 @@ def _check_angle_unit(nominal: Chain, seen: Observations, as_given: Misfit) -> N
 
 def _signs(
     nominal: Chain, seen: Observations, as_given: Misfit, extent: float, count: int
-) -> JointSignReversed | None:
-    """Return which `count` joints count the other way, if that explains the poses.
+) -> dict[tuple[int, ...], Misfit]:
+    """Return the sets of `count` joints that explain the poses where they count the other way, with the misfit then.
 
     Base and tool are of the closed form, but of parallel axes, where it has no unique answer.
     """
     if len(seen) * seen.components < _EQUATIONS:
-        return None
+        return {}
     joints, found = len(nominal), dict[tuple[int, ...], Misfit]()
     is_parallel = bool(np.all(np.abs(np.sin(nominal.as_array()[:-1, 1])) < NEAR))
     how = _fitted_misfit if is_parallel else misfit
@@ -151,7 +153,7 @@ def _signs(
             and other.squared(extent) < _FAR_BETTER**2 * as_given.squared(extent)
         ):
             found[turned] = other
-    return _reversed(found, as_given, extent) if found else None
+    return found
 
 
 def _reversed(found: dict[tuple[int, ...], Misfit], as_given: Misfit, extent: float) -> JointSignReversed:

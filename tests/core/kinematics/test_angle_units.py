@@ -12,7 +12,6 @@ from core.errors import (
     FrameMirrored,
     JointAnglesInconsistent,
     JointAnglesUnitMismatch,
-    JointSignReversed,
     KinematicsError,
     LengthsUnitMismatch,
     PrismaticJoint,
@@ -25,15 +24,9 @@ from core.kinematics.joint_angle_checks import check_angles
 from core.kinematics.nominal_checks import check_against_nominal
 from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import find_sweeps
-from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, T_FLANGE_CAMERA, free_angles, kr5_arc
+from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, free_angles, kr5_arc
+from tests.support.simulation.robots.arms import free_poses
 from tests.support.simulation.simulated_poses import Repeatability, measure_poses
-
-
-def free_poses(seed: int = 1, half_range: float = math.radians(40.0)) -> PoseData:
-    rng = np.random.default_rng(seed)
-    arm = kr5_arc(rng)
-    q = free_angles(rng, KR5_ARC_HOME, 60, half_range=half_range)
-    return measure_poses(arm, q, rng, estimator="given", robot=Repeatability(0.1, 1e-4))
 
 
 @pytest.mark.parametrize("with_rotations", [True, False])
@@ -202,72 +195,6 @@ def test_a_left_handed_frame_is_recognised(mirror: np.ndarray, rotations: str) -
             KR5_ARC,
             folds=0,
         )
-
-
-def counting_backwards(poses: PoseData, *joints: int) -> PoseData:
-    signs = np.where(np.isin(np.arange(poses.joints), joints), -1.0, 1.0)
-    return replace(poses, joint_angles=signs * poses.joint_angles)
-
-
-@pytest.mark.parametrize("joint", range(6))
-def test_a_joint_that_counts_backwards_is_named(joint: int) -> None:
-    poses = free_poses().take(np.arange(0, 60, 5))
-    with pytest.raises(JointSignReversed) as caught:
-        check_against_nominal(counting_backwards(poses, joint), KR5_ARC)
-    assert f"{joint + 1}:{joint + 1}:-1" in (caught.value.advice or "")
-
-
-@pytest.mark.parametrize("joint", [1, 2, 3])
-def test_a_joint_that_counts_backwards_is_named_by_positions_alone(joint: int) -> None:
-    poses = replace(free_poses().take(np.arange(0, 60, 5)), rotations=None)
-    with pytest.raises(JointSignReversed):
-        identify(counting_backwards(poses, joint), KR5_ARC, folds=0)
-
-
-def test_a_last_joint_that_counts_backwards_is_named_by_a_reflector_near_its_axis() -> None:
-    """At 20 mm from the axis positions are off by 16 mm, 1.2 % of their extent."""
-    poses = free_poses()
-    assert poses.rotations is not None
-    to_reflector = T_FLANGE_CAMERA[:3, :3].T @ (np.array([20.0, 0.0, 80.0]) - T_FLANGE_CAMERA[:3, 3])
-    reflector = poses.positions_mm + poses.rotations @ to_reflector
-    with pytest.raises(JointSignReversed, match="joint 6 counts"):
-        identify(
-            counting_backwards(replace(poses, positions_mm=reflector, rotations=None), 5), KR5_ARC, folds=0
-        )
-
-
-def test_several_joints_that_count_backwards_are_named() -> None:
-    with pytest.raises(JointSignReversed) as caught:
-        check_against_nominal(counting_backwards(free_poses().take(np.arange(0, 60, 5)), 1, 4), KR5_ARC)
-    assert "2:2:-1 --joint-coupling 5:5:-1" in (caught.value.advice or "")
-
-
-IIWA = Chain.from_rows(
-    [
-        (0.0, -math.pi / 2, 360.0, 0.0),
-        (0.0, math.pi / 2, 0.0, 0.0),
-        (0.0, math.pi / 2, 420.0, 0.0),
-        (0.0, -math.pi / 2, 0.0, 0.0),
-        (0.0, -math.pi / 2, 400.0, 0.0),
-        (0.0, math.pi / 2, 0.0, 0.0),
-        (0.0, 0.0, 126.0, 0.0),
-    ]
-)
-
-
-@pytest.mark.parametrize(("nominal", "reversed_joint"), [(KR5_ARC, None), (IIWA, None), (IIWA, 2)])
-@pytest.mark.parametrize("count", [7, 30])
-def test_signs_of_sound_poses_are_accepted(nominal: Chain, reversed_joint: int | None, count: int) -> None:
-    rng = np.random.default_rng(count)
-    q = rng.uniform(-1.0, 1.0, (count, len(nominal)))
-    near = nominal.as_array() + rng.normal(0.0, 1.0, (len(nominal), 5)) * [0.4, 5e-4, 0.4, 5e-4, 0.0]
-    T = forward(Chain.from_array(near), q)
-    poses = PoseData(q, T[:, :3, 3] + rng.normal(0.0, 0.05, (count, 3)), T[:, :3, :3])
-    if reversed_joint is None:
-        check_against_nominal(poses, nominal)
-        return
-    with pytest.raises(JointSignReversed):
-        check_against_nominal(counting_backwards(poses, reversed_joint), nominal)
 
 
 @pytest.mark.parametrize("with_rotations", [True, False])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -10,8 +12,8 @@ from core.kinematics.dh import JOINT_PARAMETERS, Chain
 from core.kinematics.error_model import ErrorModel
 from core.kinematics.identification import Identification, ModelChoice, identify
 from core.kinematics.pose_observations import PoseData
-from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, free_angles, sweep_angles
-from tests.support.simulation.simulated_poses import measure_poses
+from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, free_angles, kr5_arc, sweep_angles
+from tests.support.simulation.simulated_poses import Repeatability, measure_poses
 
 UR10 = Chain.from_rows(
     [
@@ -39,6 +41,14 @@ SEVEN_JOINTS = Chain.from_rows(
 def angles(rng: np.random.Generator, *, free: int = 30) -> np.ndarray:
     """Sweeps of every joint of a KR5 Arc, ±40° in 11 steps, and free poses about the same home."""
     return np.vstack([sweep_angles(KR5_ARC_HOME), free_angles(rng, KR5_ARC_HOME, free)])
+
+
+def free_poses(seed: int = 1, half_range: float = math.radians(40.0)) -> PoseData:
+    """Sixty poses of a KR5 Arc, drawn about its home; all joints move at once."""
+    rng = np.random.default_rng(seed)
+    arm = kr5_arc(rng)
+    q = free_angles(rng, KR5_ARC_HOME, 60, half_range=half_range)
+    return measure_poses(arm, q, rng, estimator="given", robot=Repeatability(0.1, 1e-4))
 
 
 def identifiable_truth(arm: Arm, joint_angles: np.ndarray, nominal: Chain = KR5_ARC) -> np.ndarray:
