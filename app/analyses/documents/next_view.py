@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 
 from app.analyses.documents.camera.camera_files import chosen_group
 from app.analyses.documents.dh import check_plan_size
+from app.analyses.documents.encoding import limits_of
 from app.analyses.documents.findings import Findings
 from app.analyses.documents.view_words import instruction
 from app.analyses.outcome import AnalysisError
@@ -35,7 +36,16 @@ from core.session import (
 from core.targets import TargetSpec
 
 _RobotViews = Callable[
-    [SessionData, SessionEstimate, FocusGroup, int, int, Float[np.ndarray, "n j"] | None], NextRobotViews
+    [
+        SessionData,
+        SessionEstimate,
+        FocusGroup,
+        int,
+        int,
+        Float[np.ndarray, "n j"] | None,
+        Float[np.ndarray, "2 j"] | None,
+    ],
+    NextRobotViews,
 ]
 _ROBOT_VIEWS: Mapping[str, _RobotViews] = {"hand_eye": suggest_hand_eye_views, "dh": suggest_dh_views}
 
@@ -75,7 +85,8 @@ def next_view_findings(data: SessionData, settings: Mapping[str, str]) -> Findin
     if purpose == "intrinsics":
         views = _camera_views(data, estimate, group, target, count, stated)
     else:
-        robot = _ROBOT_VIEWS[purpose](data, estimate, group, target, count, stated)
+        limits = None if data.nominal is None else np.radians(limits_of(settings))
+        robot = _ROBOT_VIEWS[purpose](data, estimate, group, target, count, stated, limits)
         left = [
             _uncertainty(length_rms_mm=position, angle_rms_deg=math.degrees(angle))
             for position, angle in zip(robot.position_mm, robot.angle, strict=True)

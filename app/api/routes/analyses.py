@@ -7,9 +7,10 @@ from typing import Annotated, Any
 
 from fastapi import Depends, Query, Request, Response
 from pydantic import Field
+from starlette.concurrency import run_in_threadpool
 
 from app.analyses.documents.sweep_names import PATTERN, sweeps_setting
-from app.api.dependencies import SessionPath
+from app.api.dependencies import SessionPath, get_app_context
 from app.api.representations import (
     CSV_CONTENT,
     ETAG_HEADER,
@@ -40,6 +41,7 @@ from app.api.schemas.analyses import (
 from app.api.schemas.common import PoseTag
 from app.api.schemas.fields import Estimator, Source
 from app.errors import InvalidContent
+from app.services.robots import limits_setting
 
 router = api_router(prefix="/v1/sessions/{session_id}", tags=["analyses"])
 _RESPONSES: dict[int | str, dict[str, Any]] = {
@@ -207,8 +209,9 @@ async def create_next_view(
     Nothing is stored. Ask again after each image: what it showed counts then.
     """
     settings = {"purpose": body.purpose, "count": str(body.count)}
-    settings |= {"focus_group": body.focus_group} if body.focus_group is not None else {}
-    settings |= {"target_id": body.target_id} if body.target_id is not None else {}
+    database = (await get_app_context(request)).installation.database
+    settings["limits"] = await run_in_threadpool(limits_setting, database, session_id)
+    settings |= body.model_dump(include={"focus_group", "target_id"}, exclude_none=True)
     if body.candidates is not None:
         settings["candidates"] = json.dumps([pose.joint_angles_deg for pose in body.candidates])
     return await answer_in_form(request, "next_view", NextViewAnalysis, session_id, settings, form)

@@ -29,10 +29,16 @@ _TRIED = 5 * CANDIDATES // 2
 
 @dataclass(frozen=True)
 class RobotReach:
-    """An arm and the joint angles where it has been (rad)."""
+    """An arm and the joint angles where it has been (rad).
+
+    `limits` are the least and largest angles that may be stated for its joints (rad, NaN where there is no limit), the
+    chain's being `coupling` times those that are stated; None where none are known.
+    """
 
     chain: Chain
     visited: Float[np.ndarray, "k j"]
+    limits: Float[np.ndarray, "2 j"] | None = None
+    coupling: Float[np.ndarray, "j j"] | None = None
 
     def angles(
         self, T_base_flange: Float[np.ndarray, "n 4 4"]
@@ -42,6 +48,10 @@ class RobotReach:
         low = self.visited.min(axis=0) - JOINT_MARGIN
         high = self.visited.max(axis=0) + JOINT_MARGIN
         inside = np.all((found.joint_angles >= low) & (found.joint_angles <= high), axis=1)
+        if self.limits is not None:
+            C = np.eye(len(self.chain)) if self.coupling is None else self.coupling
+            stated = np.linalg.solve(C, found.joint_angles.T).T
+            inside &= ~np.any((stated < self.limits[0]) | (stated > self.limits[1]), axis=1)
         return found.joint_angles, np.asarray(found.attained & inside)
 
 

@@ -56,11 +56,13 @@ def suggest_hand_eye_views(
     target: int,
     count: int,
     stated: Float[np.ndarray, "n j"] | None = None,
+    limits: Float[np.ndarray, "2 j"] | None = None,
 ) -> NextRobotViews:
     """Suggest `count` views of a target, by its place in the session, that make the camera on the flange certain.
 
-    Where the robot is known and its base is that of the commanded poses, views are those within its joints' range; of
-    joint angles `stated` (rad, of the robot's model), each once at most.
+    Where the robot is known and its base is that of the commanded poses, views are those within its joints' range and
+    the `limits` of stated angles (rad, NaN without a limit); of joint angles `stated` (rad, of the robot's model),
+    each once at most.
 
     Raises what `views_of_candidates` and `calibrate_session_hand_eye` raise, TooFewMeasurements where no image shows
     the target or the group has no common camera, InvalidArgument for no views, and NoViewShowsTarget where none is
@@ -70,7 +72,7 @@ def suggest_hand_eye_views(
     tie, place = found.calibration, _place(target, found.targets)
     frames = tie.T_flange_camera, tie.T_base_targets[place]
     if stated is None:
-        reach = _commanded_reach(data)
+        reach = _commanded_reach(data, limits)
         candidates = robot_candidates(group, data.targets[target], *frames, reach, data.camera_mount)
     else:
         candidates = _stated_views(data, found, group, target, stated)
@@ -97,10 +99,12 @@ def suggest_dh_views(
     target: int,
     count: int,
     stated: Float[np.ndarray, "n j"] | None = None,
+    limits: Float[np.ndarray, "2 j"] | None = None,
 ) -> NextRobotViews:
     """Suggest `count` views of a target, by its place in the session, that make the robot's chain certain.
 
-    Views are within its joints' range, or of joint angles `stated` (rad, of the robot's model), each once at most.
+    Views are within its joints' range and the `limits` of stated angles (rad, NaN without a limit), or of joint
+    angles `stated` (rad, of the robot's model), each once at most.
 
     Raises what `identify_robot` raises, TooFewMeasurements where no image shows the target or the group has no common
     camera, InvalidArgument for no views, and NoViewShowsTarget where none is within reach.
@@ -111,7 +115,7 @@ def suggest_dh_views(
     frames = found.T_flange_camera, np.linalg.inv(found.T_target_base[place])
     spec = data.targets[target]
     if stated is None:
-        reach = RobotReach(found.chain, gathered.poses.joint_angles)
+        reach = RobotReach(found.chain, gathered.poses.joint_angles, limits, data.joint_coupling)
         candidates = robot_candidates(group, spec, *frames, reach, data.camera_mount)
     else:
         candidates = stated_candidates(group, spec, *frames, found.chain, stated, data.camera_mount)
@@ -197,7 +201,7 @@ def _with_joint_angles(data: SessionData) -> list[CommandedPose]:
     return [c for c in data.commanded.values() if len(c.joint_angles_deg or ()) == joints]
 
 
-def _commanded_reach(data: SessionData) -> RobotReach | None:
+def _commanded_reach(data: SessionData, limits: Float[np.ndarray, "2 j"] | None = None) -> RobotReach | None:
     """Return the nominal robot at the commanded joint angles; None where its flange is not where it was commanded."""
     known = _with_joint_angles(data)
     if data.nominal is None or not known:
@@ -208,7 +212,7 @@ def _commanded_reach(data: SessionData) -> RobotReach | None:
     off = off[np.isfinite(off)]
     if len(off) and float(np.median(off)) > MAX_BASE_OFFSET_MM:
         return None
-    return RobotReach(data.nominal, q)
+    return RobotReach(data.nominal, q, limits, data.joint_coupling)
 
 
 def _views(

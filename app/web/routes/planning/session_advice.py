@@ -53,7 +53,8 @@ async def show_next_views(
 ) -> Response:
     """Show the views that would make camera, mount or robot most certain, and what each would gain."""
     require_computing(request)
-    settings = {"purpose": purpose, "count": str(VIEWS)}
+    limits = await run_in_threadpool(limits_setting, service_of(request).installation.database, session_id)
+    settings = {"purpose": purpose, "count": str(VIEWS), "limits": limits}
     settings |= {"focus_group": focus_group} if focus_group else {}
     tab = "robot" if purpose == "dh" else "camera"
     groups = await run_in_threadpool(focus_groups, service_of(request), session_id)

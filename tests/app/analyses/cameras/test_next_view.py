@@ -132,6 +132,7 @@ def test_candidates_of_coupled_joints_are_the_angles_that_the_robot_states() -> 
 
     def suggested(data: SessionData, stated_deg: np.ndarray) -> list[dict[str, Any]]:
         asked = {"purpose": "hand_eye", "count": "4", "candidates": json.dumps(stated_deg.tolist())}
+        asked["limits"] = json.dumps([[None, None]] * 6)
         found: list[dict[str, Any]] = next_view_findings(data, asked).fields["suggestions"]
         return found
 

@@ -98,6 +98,18 @@ def test_the_robot_can_take_the_views(begun: Begun) -> None:
     assert apart.max() < 3.0
 
 
+def test_no_view_is_beyond_the_limits_that_the_robot_states(begun: Begun) -> None:
+    visited = begun.views.joint_angles
+    free = begun.found.joint_angles
+    assert free is not None
+    assert np.any(free > visited.max(axis=0))
+    limits = np.stack([np.full(6, math.nan), visited.max(axis=0)])
+    suggest = begun.plan.suggest
+    found = suggest(begun.data, begun.estimate, begun.estimate.groups[0], 0, 4, None, limits).joint_angles
+    assert found is not None
+    assert np.all(found <= limits[1])
+
+
 def test_of_stated_candidates_each_is_taken_once_and_those_without_the_target_never(begun: Begun) -> None:
     arm = begun.views.arm
     seen = viewing_angles(arm, np.random.default_rng(12), 6)
