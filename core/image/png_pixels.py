@@ -147,21 +147,20 @@ def unfilter(
         begin = place - 1
         end = min(width, begin + piece.size - taken)
         filtered = piece[taken : taken + end - begin]
-        above = rows[row - 1] if row > 0 else np.zeros(width, dtype=np.uint8)
+        # Zeros stand above the first row. As many as the run has: a row may consist of any number of pieces.
+        above = rows[row - 1, begin:end] if row > 0 else np.zeros(end - begin, dtype=np.uint8)
         if step == 1:
-            left, corner = (
-                (rows[row, begin - 1], above[begin - 1]) if begin > 0 else (np.uint8(0), np.uint8(0))
-            )
-            _unfilter_run(filtered, rows[row, begin:end], above[begin:end], left, corner, state[1])
+            left = rows[row, begin - 1] if begin > 0 else np.uint8(0)
+            corner = rows[row - 1, begin - 1] if row > 0 and begin > 0 else np.uint8(0)
+            _unfilter_run(filtered, rows[row, begin:end], above, left, corner, state[1])
         else:
             for at in range(begin, min(begin + step, end)):
-                left, corner = (
-                    (rows[row, at - step], above[at - step]) if at >= step else (np.uint8(0), np.uint8(0))
-                )
+                left = rows[row, at - step] if at >= step else np.uint8(0)
+                corner = rows[row - 1, at - step] if row > 0 and at >= step else np.uint8(0)
                 _unfilter_run(
                     filtered[at - begin :: step],
                     rows[row, at:end:step],
-                    above[at:end:step],
+                    above[at - begin :: step],
                     left,
                     corner,
                     state[1],
