@@ -10,6 +10,8 @@ from core.image.layout import ByteSource, ImageHeader
 
 DEFAULT_MAX_PIXELS = 100_000_000
 """Largest image accepted by default: four times a common 24 Mpx industrial camera."""
+MAX_SIDE_PX = 32_766
+"""Longest side of an image: OpenCV interpolates in no longer one (`remap` needs less than 2¹⁵ - 1)."""
 
 
 @runtime_checkable
@@ -65,11 +67,19 @@ def check_whole(data: bytes | bytearray | memoryview) -> None:
 
 
 def check_pixels(header: ImageHeader, max_pixels: int) -> None:
-    """Raise ImageTooManyPixels where the header states more than `max_pixels` pixels."""
+    """Raise ImageTooManyPixels where the header states more than `max_pixels` pixels, or more than MAX_SIDE_PX on a
+    side.
+    """
     if header.pixels > max_pixels:
         raise ImageTooManyPixels(
             f"The image has {header.width_px} x {header.height_px} = {header.pixels} pixels; "
             f"at most {max_pixels} are taken."
+        )
+    if max(header.width_px, header.height_px) > MAX_SIDE_PX:
+        raise ImageTooManyPixels(
+            f"The image has {header.width_px} x {header.height_px} pixels; "
+            f"at most {MAX_SIDE_PX} are taken along a side.",
+            "Bin the image or scale it down. Do not crop it: the lens's middle would no longer be the image's.",
         )
 
 

@@ -171,3 +171,12 @@ def test_damaged_files_give_an_image_of_the_stated_size_or_our_error(
 def test_right_magic_then_random_bytes(magic: bytes, rest: bytes) -> None:
     with pytest.raises(GridposeError):
         decode(magic + rest)
+
+
+@pytest.mark.parametrize("size", [(32_767, 2), (2, 32_767)])
+def test_sides_longer_than_opencv_interpolates_in_are_refused(size: tuple[int, int]) -> None:
+    data = cv2.imencode(".png", np.zeros(size, np.uint8))[1].tobytes()
+    with pytest.raises(ImageTooManyPixels, match=r"32767.* along a side"):
+        decode(data)
+    taken = np.zeros(tuple(min(side, 32_766) for side in size), np.uint8)
+    assert decode(cv2.imencode(".png", taken)[1].tobytes()).shape == taken.shape
