@@ -36,7 +36,7 @@ class MeasuredSessions:
         with self._database.read() as records:
             looked = records.get(NoticeMark, _LOOKED)
             since = now if looked is None else looked.at
-            in_progress = self._in_progress(records, min(since, now))
+            in_progress = self._in_progress(records, min(since, now), now)
             marks = {
                 mark.name: mark.at
                 for mark in records.scalars(sa.select(NoticeMark).where(NoticeMark.name != _LOOKED))
@@ -53,17 +53,20 @@ class MeasuredSessions:
             self._mark(records, {_LOOKED: now, **in_progress})
             return sum(self._note_end(records, session_id) for session_id in ended)
 
-    def _in_progress(self, records: orm.Session, since: datetime) -> dict[str, datetime]:
-        """Return the sessions with images that wait, or that came since, and when that last was."""
+    def _in_progress(self, records: orm.Session, since: datetime, until: datetime) -> dict[str, datetime]:
+        """Return the sessions with images that wait, or that came between two moments, and when that last was."""
         now = datetime.now(UTC)
+        overlap = timedelta(seconds=min(_MAX_OVERLAP_S, QUIET_S / 3.0))
         found = dict.fromkeys(
             records.scalars(
                 sa.select(Measurement.session_id).where(Measurement.status.in_(_PENDING)).distinct()
             ),
             now,
         )
+        # Ids find few rows, but were the clock ever ahead, all ids since then lie ahead of it and say nothing.
         new = sa.select(Measurement.session_id, sa.func.max(Measurement.id)).where(
-            Measurement.id > least_id("mea", since - timedelta(seconds=min(_MAX_OVERLAP_S, QUIET_S / 3.0)))
+            Measurement.id > least_id("mea", since - overlap),
+            Measurement.received_at.between(since - overlap, until + overlap),
         )
         for session_id, latest in records.execute(new.group_by(Measurement.session_id)):
             found.setdefault(session_id, min(moment_of(latest), now))

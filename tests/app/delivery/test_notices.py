@@ -14,6 +14,7 @@ import sqlalchemy as sa
 from app.analyses.history import latest, summarise_reports
 from app.delivery import AlertFile
 from app.delivery.measured import MeasuredSessions
+from app.records import ids
 from app.records.tables import Measurement, Notice, Report
 from app.services import notices, reports
 from app.services.qualifications import store_qualification
@@ -133,6 +134,30 @@ def test_a_session_is_measured_when_nothing_waits_and_nothing_comes(api: Api, gr
     assert again.look(now + timedelta(seconds=500)) == 0
     (found,) = noted(api, "session.measured")
     assert (found["session_id"], found["succeeded"], found["failed"]) == (session_id, 0, 1)
+
+
+def test_a_session_is_measured_although_the_clock_was_ahead_once(
+    api: Api, grey_png: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ids go on from those made then, and lie ahead of the clock for as long as it was."""
+    api.service.delivery.stop()
+    looking, now = MeasuredSessions(api.installation.database), datetime.now(UTC)
+    ahead = now + timedelta(days=365)
+    monkeypatch.setattr(ids, "_last", 0)  # other tests' ids stay in time
+    ids.follow([ids.least_id("mea", ahead)])
+    assert looking.look(ahead) == 0
+    session_ids = [api.make_session(), api.make_session()]
+    for session_id, received_at in zip(session_ids, (ahead, now), strict=True):
+        stored = api.put_image(session_id, grey_png).json()["id"]
+        with api.installation.database.write() as records:
+            records.execute(
+                sa.update(Measurement).where(Measurement.id == stored).values(received_at=received_at)
+            )
+    finish(api)
+    for moment in (ahead + timedelta(seconds=1), now, now + timedelta(seconds=30)):
+        assert looking.look(moment) == 0, "another image may come"
+    assert looking.look(now + timedelta(seconds=90)) == 2
+    assert {found["session_id"] for found in noted(api, "session.measured")} == set(session_ids)
 
 
 def test_images_that_came_and_were_measured_between_two_looks_are_not_missed(
