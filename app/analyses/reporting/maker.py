@@ -16,7 +16,6 @@ from app.errors import RowUnreadable
 from app.jobs.call_queue import Call, QueueFull
 from app.jobs.subprocess_executor import START_WITHIN_S, Cancelled, OutOfMemory, ProcessDied, TimedOut
 from app.logs import Logger
-from app.records.ids import moment_of
 from app.records.readable import unreadable_columns
 from app.records.tables import Report
 from app.reports.forms import CompanyTemplate, TemplateInvalid, read_template
@@ -170,7 +169,7 @@ class ReportMaker:
             paper=row.paper,
             made_by=maker,
             # Where the clock was set back, not before the report was ordered.
-            made_at=max(datetime.now(UTC), moment_of(row.id)).replace(microsecond=0),
+            made_at=max(datetime.now(UTC), row.created_at).replace(microsecond=0),
             signing_key=fingerprint_of(signing_key(self._installation.pepper)),
             template=template,
         )
@@ -194,7 +193,7 @@ class ReportMaker:
                 signature=sign_report(signing_key(self._installation.pepper), manifest),
                 core_version=made.core_version,
                 inputs_sha256=made.inputs_sha256,
-                finished_at=max(datetime.now(UTC), moment_of(order.report_id)),
+                finished_at=max(datetime.now(UTC), order.made_at),
             )
             robots.save_summaries(records, {order.report_id: summary_or_none(made.forms["json"])})
         log.info("report_made", report_id=order.report_id, kind=order.kind, forms=sorted(made.forms))

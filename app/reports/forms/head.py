@@ -125,13 +125,20 @@ def _with_unit(value: float | None, unit: str) -> str | None:
 
 
 def measuring_days(document: Json) -> tuple[date, date]:
-    """Return the first and the last day of measuring: those stated, else those on which measurements arrived."""
+    """Return the first and the last day of measuring: those stated, else those on which measurements arrived.
+
+    Of readings, and of images in reports that do not state it, that is the day of their ids.
+    """
     subject, inputs = document["subject"], document["inputs"]
     if subject["first_captured_at"] is not None:
         days = [datetime.fromisoformat(subject[f"{end}_captured_at"]).date() for end in ("first", "last")]
     else:
-        ids = [one["measurement_id"] for one in (*inputs["images"], *inputs["measured_poses"])]
-        days = [moment_of(one).date() for one in ids]
+        days = [
+            datetime.fromisoformat(came).date()
+            if (came := one.get("received_at"))
+            else moment_of(one["measurement_id"]).date()
+            for one in (*inputs["images"], *inputs["measured_poses"])
+        ]
     return min(days), max(days)
 
 

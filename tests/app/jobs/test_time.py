@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,11 @@ import pytest
 from app.jobs.subprocess_executor import Limits, SubprocessExecutor, TimedOut
 from app.jobs.worker_init import start_drawing
 from app.records import ids
+from app.reports.forms.head import measuring_days
 from app.services.installation.context import ServiceContext
 from tests.support.jobs.runners import queue_images, runner_of
 from tests.support.service.service import wait_until
+from tests.support.sessions.stored_sessions import BOARD, board_fields, shoot, store_shots
 
 if sys.platform == "win32":
     pytest.skip("limits of processes and /proc", allow_module_level=True)
@@ -104,3 +106,29 @@ def test_ids_are_in_order_after_the_clock_was_set_back(any_api: Any, monkeypatch
     assert later > earlier
     listed = [each["id"] for each in any_api.client.get("/v1/targets").json()["items"]]
     assert listed == [earlier, later]
+
+
+@pytest.mark.slow  # a process of the analyses loads the numerics
+def test_reports_are_dated_by_the_clock_although_ids_lie_ahead(
+    api: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once the clock was ahead, ids go on from there for as long as it takes the clock to catch up."""
+    monkeypatch.setattr(ids, "_last", 0)  # other tests' ids stay in time
+    ids.follow([ids.least_id("rep", datetime.now(UTC) + timedelta(days=365))])
+    target_id = api.make_target(**board_fields(BOARD))
+    session_id = api.make_session(target_id)
+    store_shots(api, session_id, shoot(poses=2, cycles=6), target_id)
+    address = f"/v1/sessions/{session_id}/reports"
+    report_id = api.client.post(address, json={"kind": "repeatability"}).json()["id"]
+
+    def read() -> dict[str, Any]:
+        document: dict[str, Any] = api.client.get(f"/v1/reports/{report_id}").json()
+        return document
+
+    wait_until(lambda: read()["status"] in ("succeeded", "failed"), 300.0, "the report is made")
+    assert read()["status"] == "succeeded"
+    content = api.client.get(f"/v1/reports/{report_id}.json").json()
+    tomorrow = datetime.now(UTC) + timedelta(days=1)
+    for stated in (read()["finished_at"], content["made_at"]):
+        assert datetime.fromisoformat(stated) < tomorrow
+    assert max(measuring_days(content)) <= tomorrow.date()
