@@ -80,11 +80,7 @@ def _check(settings: Settings, database: Database, *, whole: bool, deep: bool) -
         yield ok(f"schema {current} is current")
         if deep:
             yield from check_deep(database, session, damage_advice(settings))
-        keys = session.scalar(sa.select(sa.func.count()).where(ApiKey.revoked_at.is_(None)))
-        if keys or keys_off:
-            yield ok("keys are off (GRIDPOSE_AUTH)" if keys_off else f"API keys in use: {keys}")
-        else:
-            yield warn("there is no API key", "Create one: gridpose keys create NAME --scope admin")
+        yield ok("keys are off (GRIDPOSE_AUTH)") if keys_off else _keys(session)
         yield _clock(session.scalar(sa.select(sa.func.max(Measurement.received_at))))
 
 
@@ -108,6 +104,15 @@ def _server(database: Database, session: orm.Session) -> Iterator[CheckResult]:
         )
     else:
         yield ok(f"{used} of {most} connections are in use")
+
+
+def _keys(session: orm.Session) -> CheckResult:
+    lasting = sa.or_(ApiKey.expires_at.is_(None), ApiKey.expires_at > datetime.now(UTC))
+    scopes = session.scalars(sa.select(ApiKey.scope).where(ApiKey.revoked_at.is_(None), lasting)).all()
+    if "admin" in scopes:
+        return ok(f"API keys in force: {len(scopes)}")
+    found = "no API key in force has the scope admin" if scopes else "there is no API key in force"
+    return warn(found, "Create one: gridpose keys create NAME --scope admin")
 
 
 def _clock(newest: datetime | Unreadable | None) -> CheckResult:

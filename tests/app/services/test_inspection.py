@@ -12,8 +12,9 @@ import pytest
 
 from app.services.backup import make_backup, read_latest_backup
 from app.services.backup.latest import FILE_NAME
-from app.services.inspection import State, backups, inspect_quickly
+from app.services.inspection import State, backups, database, inspect_quickly
 from app.services.installation.identity import Identity, read_identity, write_identity
+from app.services.keys import create_key, keys_in_force, revoke_key
 from tests.support.service.signed_in import signed_in
 
 
@@ -96,6 +97,23 @@ def test_the_system_page_shows_what_was_found_and_what_to_do(api: Any) -> None:
     quick = inspect_quickly(api.installation.settings)
     assert set(quick) == {"Data folder", "Database", "Backups"}
     assert not any(one.state is State.failed for part in quick.values() for one in part)
+
+
+def test_a_missing_admin_key_is_reported_expired_ones_do_not_count(any_api: Any) -> None:
+    def keys() -> tuple[State, str]:
+        results = database.check(any_api.installation.settings, whole=False)
+        (one,) = [one for one in results if "API key" in one.detail]
+        return one.state, one.detail
+
+    (admin,) = keys_in_force(any_api.installation)
+    create_key(any_api.installation, "dashboard", "read")
+    create_key(any_api.installation, "service", "admin", expires_in=timedelta(days=-1))
+    assert keys() == (State.ok, "API keys in force: 2")
+    revoke_key(any_api.installation, admin.id)
+    assert keys() == (State.warning, "no API key in force has the scope admin")
+    for key in keys_in_force(any_api.installation):
+        revoke_key(any_api.installation, key.id)
+    assert keys() == (State.warning, "there is no API key in force")
 
 
 def test_a_read_only_disk_is_one_failure_that_says_how_to_save_the_data(
