@@ -288,6 +288,8 @@ class KeyUse:
                         .execution_options(synchronize_session=False)
                     )
         except (ServiceError, sa.exc.SQLAlchemyError) as error:
-            log.warning("key_use_not_written", keys=len(seen), exc_info=error)
+            # No trace of a full disk or a busy database, which pass: the database's own line has the reason.
+            reason = error.code if isinstance(error, ServiceError) else type(error).__name__
+            log.warning("key_use_not_written", keys=len(seen), reason=reason)
             with self._lock:
                 self._seen = {**seen, **self._seen}

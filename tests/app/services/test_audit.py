@@ -235,3 +235,23 @@ def test_proxies_are_trusted_by_a_setting_alone(open_api: Any) -> None:
         assert entries(running)[-1]["client"] == "testclient"
     with pytest.raises(ValueError, match="trusted_proxies"):
         open_api(trusted_proxies="the proxy").__enter__()
+
+
+@pytest.mark.usefixtures("restored_logging")
+def test_a_use_that_a_busy_database_does_not_take_is_kept_and_leaves_no_trace_in_the_log(
+    api: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    key_id = api.client.post("/v1/keys", json={"name": "k", "scope": "read"}).json()["id"]
+    api.service.key_use.note(key_id)
+    configure_logging()
+    database = api.installation.database
+    monkeypatch.setattr(database.engine.pool, "_timeout", 0.01)
+    with database.write() as records:
+        records.execute(sa.select(1))  # from here on it is occupied
+        api.service.key_use.write()
+    lines = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
+    (line,) = [line for line in lines if line["event"] == "key_use_not_written"]
+    assert line["reason"] == "database_unavailable"
+    assert "exception" not in line
+    api.service.key_use.write()
+    assert api.client.get(f"/v1/keys/{key_id}").json()["last_used_at"] is not None
