@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -42,7 +43,7 @@ def signature_of(status: os.stat_result) -> str:
 
 
 def list_folder(folder: Path, *, excluded: Path | None = None, marker: str | None = None) -> Listing:
-    """List the images below a folder, hidden files and links to folders left unread.
+    """List the images below a folder; hidden files, links to folders, pipes and devices are left unread.
 
     Parameters
     ----------
@@ -95,7 +96,8 @@ def _sort_in(
             name.encode("utf-8")
             # Not `entry.stat()`: on Windows it has no identity, and the size of a file being written is an old one.
             status = os.stat(entry.path)  # noqa: PTH116 - a path of each of 20,000 files takes longer than the look
-            listing.images.append(Found(entry.path, name, signature_of(status)))
+            if stat.S_ISREG(status.st_mode):  # whoever opens a pipe waits for its writer
+                listing.images.append(Found(entry.path, name, signature_of(status)))
     except FileNotFoundError:
         return  # it was moved or deleted meanwhile
     except UnicodeEncodeError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sqlite3
 from pathlib import Path
 
@@ -72,6 +73,9 @@ def test_a_listing_has_images_at_any_depth_and_no_others(tmp_path: Path) -> None
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(b"x")
     (tmp_path / "again").symlink_to(tmp_path, target_is_directory=True)
+    (tmp_path / "again.png").symlink_to(tmp_path, target_is_directory=True)
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "P2" / "pipe.png")
     listing = list_folder(tmp_path, excluded=tmp_path / "sent")
     assert [found.name for found in in_natural_order(listing.images)] == ["P2/1.PNG", "P10/1.png"]
     assert list_folder(tmp_path / "nowhere").unreadable == {".": "No such file or directory"}
