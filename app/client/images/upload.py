@@ -16,6 +16,7 @@ from typing import Literal
 
 from ..http import ClientError, Json, ServiceClient
 from .files import ImageFile
+from .sizes import require_readable_size
 
 _READ_BYTES = 1 << 20
 _POLL_S = (0.2, 2.0)
@@ -216,9 +217,10 @@ def _printable(name: str) -> str | None:
 
 
 def sha256_of(file: ImageFile) -> str:
-    """Return the SHA-256 of a file as hex digits. Raises OSError."""
+    """Return the SHA-256 of a file as hex digits. Raises OSError, also for a file that is too large for an image."""
     digest = hashlib.sha256()
     with file.path.open("rb") as stream:
+        require_readable_size(stream)
         while chunk := stream.read(_READ_BYTES):
             digest.update(chunk)
     return digest.hexdigest()

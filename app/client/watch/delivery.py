@@ -19,6 +19,7 @@ from ..images.files import (
     legal_pose_id,
     tag_of,
 )
+from ..images.sizes import require_readable_size
 from .cycles import CycleNumbers
 from .files import (
     Found,
@@ -95,6 +96,7 @@ class Delivery:
         """
         metadata = self._metadata(found)
         with found.path.open("rb") as stream:
+            require_readable_size(stream)
             before = signature_of(os.fstat(stream.fileno()))
             data = stream.read()
             after = signature_of(os.fstat(stream.fileno()))

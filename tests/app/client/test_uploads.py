@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any, cast
 
@@ -56,3 +57,15 @@ def test_a_name_of_many_sessions_lists_a_few() -> None:
     assert caught.value.code == "session_ambiguous"
     assert "ses_4" in caught.value.detail
     assert "ses_5" not in caught.value.detail
+
+
+def test_a_file_larger_than_memory_fails_and_hinders_no_other(tmp_path: Path) -> None:
+    files = []
+    for cycle, size in ((1, 1 << 40), (2, 8)):
+        path = tmp_path / f"{cycle}.png"
+        path.touch()
+        os.truncate(path, size)
+        files.append(ImageFile(path, path.name, "P1", cycle))
+    found = upload_files(cast(ServiceClient, Lacking(refuses=False)), "ses_1", files)
+    assert [one.status for one in found] == ["failed", "sent"]
+    assert found[0].reason == "cannot be read: it is larger than 1 GiB, as no image is"

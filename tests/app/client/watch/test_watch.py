@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -144,6 +145,15 @@ def test_commanded_poses_of_a_growing_table_are_sent_without_images(cell: Watche
         table.write_bytes(table.read_bytes() + b"P2,1,2,x\nP3,4,5,6\n")
         wait_until(lambda: len(list(cell.direct.items(path))) == 2, 30)
     assert any("line 3" in line and "not a number" in line for line in cell.lines)
+
+
+def test_a_file_larger_than_memory_hinders_no_other(cell: WatchedCell) -> None:
+    cell.write("P1/1.png", b"")
+    os.truncate(cell.folder / "P1/1.png", 1 << 40)
+    cell.write("P1/2.png", small_image(2))
+    summary = cell.watch()
+    assert (summary.stored, summary.waiting) == (1, 1)
+    assert sum("P1/1.png: it cannot be read: it is larger than 1 GiB" in line for line in cell.lines) == 1
 
 
 def test_an_image_that_is_refused_hinders_no_other(cell: WatchedCell) -> None:
