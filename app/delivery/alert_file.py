@@ -82,21 +82,29 @@ class AlertFile:
                 raise
 
     def _find_place(self) -> int:
-        """Return the number of the last notice in the file; at the very first, of the last notice there is."""
+        """Return the number of the last notice in the file; at the very first, of the last notice there is.
+
+        An older database may have been put back: numbers go on from its last, and lines of later ones do not count.
+        """
+        with self._database.read() as records:
+            latest = latest_number(records)
         if not self._place.exists():
-            with self._database.read() as records:
-                number = latest_number(records)
-            self._number = number
-            self._store_place()
-            return number
-        try:
-            stored = int(self._place.read_text(encoding="ascii"))
-        except ValueError:
-            stored = 0
-        return max(stored, self._last_in_file())
+            number = latest
+        else:
+            try:
+                stored = int(self._place.read_text(encoding="ascii"))
+            except ValueError:
+                stored = 0
+            number = max(min(stored, latest), self._last_in_file())
+        self._number = number
+        self._store_place()
+        return number
 
     def _last_in_file(self) -> int:
-        """Remove half a line at the end of the file, and return the number that its last line names."""
+        """Remove half a line at the end of the file, and return the number of the notice that its last line names.
+
+        0 where the database has no such notice.
+        """
         if not self._path.exists():
             return 0
         with self._path.open("rb+") as file:
@@ -108,9 +116,13 @@ class AlertFile:
                 file.truncate(size - len(tail) + len(whole))
         for line in reversed(whole.splitlines()):
             try:
-                return int(json.loads(line)["number"])
+                document = json.loads(line)
+                number, notice_id = int(document["number"]), document["id"]
             except (ValueError, TypeError, KeyError):
                 continue
+            with self._database.read() as records:
+                found = numbered_after(records, number - 1, limit=1)
+            return number if found and (found[0].number, found[0].id) == (number, notice_id) else 0
         return 0
 
     def _store_place(self) -> None:
