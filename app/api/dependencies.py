@@ -52,6 +52,7 @@ class AppContext:
     def begin_shutdown(self) -> None:
         """Begin to stop: streams end, no job is taken, and lost workers count no attempt."""
         self.stopping = True
+        self.installation.database.patience.end_within()
         self.news.wake_all()
         self.report_maker.begin_stop()
         self.delivery.begin_stop()

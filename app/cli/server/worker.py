@@ -74,6 +74,7 @@ def work(data_dir: DataDir = None) -> int:
             end_after_giving_up()
         supervisor.stopping()
     finally:
+        installation.database.patience.end_within()
         runner.stop()
         installation.close()
     return 1 if gave_up else 0

@@ -1,7 +1,8 @@
 """The database: engines, transactions, what it refuses; transactions that come together share a commit."""
 
 from app.records.database.database import Database
-from app.records.database.engines import BUSY_TIMEOUT_S, sqlite_driver, sqlite_version
+from app.records.database.engines import sqlite_driver, sqlite_version
+from app.records.database.patience import BUSY_TIMEOUT_S
 from app.records.database.refusals import Damage, is_damage, map_database_errors
 
 __all__ = [

@@ -27,6 +27,7 @@ from app.records.audit import append_entry, append_entry_below_orm, note_created
 from app.records.database.engines import NOTICE_LOSS, postgresql_engine, sqlite_driver, sqlite_engine
 from app.records.database.group_commit import GroupCommit
 from app.records.database.lending import LendingPool
+from app.records.database.patience import Patience
 from app.records.database.refusals import Damage, map_database_errors
 from app.records.statements import DriverRows, EngineRows, Rows
 
@@ -49,8 +50,11 @@ class Database:
         self.is_sqlite = self.url.get_backend_name() == "sqlite"
         self.damage = Damage()
         self._guards: sa.Engine | None = None
+        self.patience = Patience()
         if self.is_sqlite:
-            self._writer = sqlite_engine(self.url, begin="BEGIN IMMEDIATE", connections=1)
+            self._writer = sqlite_engine(
+                self.url, begin="BEGIN IMMEDIATE", connections=1, patience=self.patience
+            )
             self._reader = sqlite_engine(self.url, begin="BEGIN", connections=20)
         else:
             self._writer = self._reader = postgresql_engine(self.url)
@@ -199,7 +203,7 @@ class Database:
             try:
                 if not durable:
                     cursor.execute("PRAGMA synchronous=NORMAL")
-                cursor.execute("BEGIN IMMEDIATE")
+                self.patience.begin(lambda: cursor.execute("BEGIN IMMEDIATE"))
                 try:
                     yield cursor, DriverRows(cursor, self._writer.dialect)
                     cursor.execute("COMMIT")

@@ -11,10 +11,10 @@ from typing import Any
 import sqlalchemy as sa
 
 from app.records.database.lending import LendingPool
+from app.records.database.patience import BUSY_TIMEOUT_S, SLICE_S, Patience
 from app.records.outcome import write_json
 from app.records.readable import read_json, read_time
 
-BUSY_TIMEOUT_S = 20.0
 CONNECTIONS = 30
 """Connections to PostgreSQL that one process has at most for its transactions."""
 NOTICE_LOSS = {
@@ -78,7 +78,9 @@ def postgresql_engine(url: sa.URL, *, connections: int = CONNECTIONS) -> sa.Engi
     return engine
 
 
-def sqlite_engine(url: sa.URL, *, begin: str, connections: int) -> sa.Engine:
+def sqlite_engine(
+    url: sa.URL, *, begin: str, connections: int, patience: Patience | None = None
+) -> sa.Engine:
     module, _ = sqlite_driver()
     engine = sa.create_engine(
         url,
@@ -91,7 +93,7 @@ def sqlite_engine(url: sa.URL, *, begin: str, connections: int) -> sa.Engine:
         pool_size=connections,
         max_overflow=0,
         pool_timeout=BUSY_TIMEOUT_S,
-        connect_args={"timeout": BUSY_TIMEOUT_S, "check_same_thread": False},
+        connect_args={"timeout": SLICE_S if patience else BUSY_TIMEOUT_S, "check_same_thread": False},
     )
 
     @sa.event.listens_for(engine, "connect")
@@ -110,7 +112,10 @@ def sqlite_engine(url: sa.URL, *, begin: str, connections: int) -> sa.Engine:
 
     @sa.event.listens_for(engine, "begin")
     def start(connection: sa.Connection) -> None:
-        connection.exec_driver_sql(begin)
+        if patience is None:
+            connection.exec_driver_sql(begin)
+        else:
+            patience.begin(lambda: connection.exec_driver_sql(begin))
 
     return engine
 
