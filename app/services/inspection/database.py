@@ -125,7 +125,7 @@ def _clock(newest: datetime | Unreadable | None) -> CheckResult:
     if newest is not None and newest > now + _MAX_CLOCK_LAG:
         return warn(
             f"the clock, {now:%Y-%m-%d %H:%M} UTC, is behind the newest image, {newest:%Y-%m-%d %H:%M}",
-            "Set the clock, best by NTP; lists are ordered by time of arrival.",
+            "Set the clock, best by NTP. If it is right now, it was ahead when that image came: nothing is to be done.",
         )
     return ok(f"the clock, {now:%Y-%m-%d %H:%M} UTC, is not behind the newest image")
 
