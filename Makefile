@@ -59,6 +59,7 @@ check: setup-dev  ## format, lint, types, layers, words, sizes, openapi.json
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python .ci/faces.py
 	$(BIN)/python .ci/vocabulary.py
 	$(BIN)/python .ci/sizes.py
 	$(BIN)/python -m app.cli.openapi --check

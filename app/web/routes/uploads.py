@@ -17,7 +17,7 @@ from app.services.poses import list_poses
 from app.services.queries import get_or_raise, visible
 from app.services.sessions import get_session
 from app.web.pages import page_router, render
-from app.web.routes.planning.session_advice import known_targets
+from app.web.routes.planning import known_targets
 from app.web.routes.sessions import session_context
 from app.web.service import service_of
 
