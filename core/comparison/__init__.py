@@ -10,18 +10,16 @@ from core.comparison.boby_saha import proposed
 from core.comparison.dlt import dlt
 from core.comparison.five_points import five_points
 from core.comparison.lines import lines
-from core.comparison.literal_variant import LiteralSolution, eight_solutions, literal_variant
+from core.comparison.literal_variant import eight_solutions, literal_variant
 from core.comparison.opencv import opencv_single_image, zhang
 from core.comparison.repeatability import MethodPose, MethodRepeatability, compare_repeatability
-from core.comparison.results import CameraFigures, Failure, MethodResult, MethodRow
+from core.comparison.results import Failure, MethodResult, MethodRow
 from core.comparison.runner import METHODS, compare_methods
 from core.comparison.tsai import tsai
 
 __all__ = [
     "METHODS",
-    "CameraFigures",
     "Failure",
-    "LiteralSolution",
     "MethodPose",
     "MethodRepeatability",
     "MethodResult",

@@ -6,12 +6,11 @@
 
 from core.image.decoding import decode
 from core.image.header import DEFAULT_MAX_PIXELS, check_pixels, check_whole, read_header
-from core.image.layout import ByteSource, ImageHeader
+from core.image.layout import ImageHeader
 from core.image.preview import Preview, decode_preview
 
 __all__ = [
     "DEFAULT_MAX_PIXELS",
-    "ByteSource",
     "ImageHeader",
     "Preview",
     "check_pixels",

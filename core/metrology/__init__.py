@@ -29,9 +29,7 @@ from core.metrology.accuracy import (
     tied_accuracy,
 )
 from core.metrology.budget import (
-    Agreement,
     Budget,
-    Contribution,
     accuracy_budget,
     corrected_budget,
     distance_budget,
@@ -40,9 +38,7 @@ from core.metrology.budget import (
 )
 from core.metrology.control_chart import (
     MIN_POINTS,
-    Alarm,
     ControlChart,
-    IndividualsLimits,
     chart_figure,
     ewma_limit,
     ewma_run_length,
@@ -58,9 +54,7 @@ from core.metrology.cycle_process import (
 from core.metrology.difference import Difference, estimate_difference
 from core.metrology.distances import ApproachVariation, DistanceAssessment, assess_approaches, assess_distance
 from core.metrology.iso9283 import (
-    DistancePerformance,
     Drift,
-    DriftRate,
     are_unchanging,
     deviations,
     direction_variation,
@@ -84,8 +78,6 @@ from core.metrology.repeatability import (
     FEW_CYCLES,
     MAX_INSTRUMENT_SHARE,
     IntervalEstimate,
-    MisplacedVisit,
-    Outlier,
     PoseRepeatability,
     Verdict,
     assess_radial,
@@ -95,7 +87,7 @@ from core.metrology.repeatability import (
     find_misplaced_visits,
     noise_only_lengths,
 )
-from core.metrology.resolution import Resolution, find_resolution, hides_scatter
+from core.metrology.resolution import find_resolution, hides_scatter
 from core.metrology.rp_distribution import (
     CONFIDENCE,
     eigenvalues,
@@ -143,14 +135,11 @@ __all__ = [
     "WITHOUT_DEGRADED",
     "Acceptance",
     "AccuracyDrift",
-    "Agreement",
-    "Alarm",
     "ApproachVariation",
     "Attribution",
     "Budget",
     "ChangePoint",
     "CommandedPoint",
-    "Contribution",
     "ControlChart",
     "CycleGrid",
     "CycleProcess",
@@ -158,19 +147,14 @@ __all__ = [
     "Difference",
     "DisplacedCycle",
     "DistanceAssessment",
-    "DistancePerformance",
     "Drift",
-    "DriftRate",
     "EstimatedDeviation",
     "FrameTie",
     "HeldOutDeviation",
-    "IndividualsLimits",
     "IntervalEstimate",
     "KnownLength",
     "LengthError",
     "MeanNoise",
-    "MisplacedVisit",
-    "Outlier",
     "PerComponent",
     "PoseAccuracy",
     "PoseCycles",
@@ -180,7 +164,6 @@ __all__ = [
     "PosesOfStations",
     "Qualification",
     "Reading",
-    "Resolution",
     "SlowMotion",
     "Steadiness",
     "TestCube",

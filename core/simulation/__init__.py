@@ -13,13 +13,7 @@ from core.simulation.arm import (
 )
 from core.simulation.arm_session import ArmSession, simulate_arm_session
 from core.simulation.background import background, illumination
-from core.simulation.forecast import (
-    MAX_IMAGES_PER_STOP,
-    Forecast,
-    PlannedSession,
-    PoseForecast,
-    forecast_repeatability,
-)
+from core.simulation.forecast import MAX_IMAGES_PER_STOP, Forecast, PlannedSession, forecast_repeatability
 from core.simulation.looking import sample_viewing_configurations
 from core.simulation.paper_experiment import JOINT_REPEATABILITY_RAD, CubePose, SessionImage, cube_experiment
 from core.simulation.renderer import render, render_levels
@@ -38,7 +32,6 @@ __all__ = [
     "Forecast",
     "Light",
     "PlannedSession",
-    "PoseForecast",
     "Scene",
     "SessionImage",
     "background",

@@ -7,17 +7,11 @@ thousand sessions reads no form. `history_document` and `comparison_document` ar
 from app.analyses.history.charting import HistoryEvent, charts_of, series_of
 from app.analyses.history.comparison import comparison_document, conclusion
 from app.analyses.history.drawing import MAX_CHARTS, ChartAxis, charts_of_tests, draw_charts
-from app.analyses.history.latest import LatestFigures, RobotFigures
+from app.analyses.history.latest import LatestFigures
 from app.analyses.history.likeness import group_comparable, not_stated, unlike
-from app.analyses.history.over_time import (
-    ChartedTest,
-    charted_tests,
-    entries_of_qualifications,
-    history_document,
-)
+from app.analyses.history.over_time import charted_tests, entries_of_qualifications, history_document
 from app.analyses.history.reading import (
     KINDS,
-    History,
     read_filed_report,
     read_history,
     summarise_reports,
@@ -29,12 +23,9 @@ __all__ = [
     "KINDS",
     "MAX_CHARTS",
     "ChartAxis",
-    "ChartedTest",
-    "History",
     "HistoryEvent",
     "LatestFigures",
     "NotAReport",
-    "RobotFigures",
     "Summary",
     "charted_tests",
     "charts_of",

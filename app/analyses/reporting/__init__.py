@@ -4,13 +4,12 @@
 """
 
 from app.analyses.reporting.maker import ReportMaker
-from app.analyses.reporting.orders import DH_DEFAULTS, ReportOrder, VerificationOrder
+from app.analyses.reporting.orders import DH_DEFAULTS, VerificationOrder
 from app.analyses.reporting.requests import verification
 
 __all__ = [
     "DH_DEFAULTS",
     "ReportMaker",
-    "ReportOrder",
     "VerificationOrder",
     "verification",
 ]

@@ -2,7 +2,6 @@
 
 from .finding import (
     check_target,
-    described_target,
     existing_session,
     find_or_make_session,
     find_or_make_target,
@@ -15,7 +14,6 @@ from .finding import (
 
 __all__ = [
     "check_target",
-    "described_target",
     "existing_session",
     "find_or_make_session",
     "find_or_make_target",

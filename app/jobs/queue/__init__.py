@@ -24,7 +24,6 @@ __all__ = [
     "Job",
     "JobResult",
     "Queue",
-    "SqlQueue",
     "TargetQuery",
     "is_target",
     "measurements_of_image",

@@ -3,11 +3,10 @@
 from app.records.database.database import Database
 from app.records.database.engines import sqlite_driver, sqlite_version
 from app.records.database.patience import BUSY_TIMEOUT_S
-from app.records.database.refusals import Damage, is_damage, map_database_errors
+from app.records.database.refusals import is_damage, map_database_errors
 
 __all__ = [
     "BUSY_TIMEOUT_S",
-    "Damage",
     "Database",
     "is_damage",
     "map_database_errors",

@@ -11,8 +11,8 @@ The file is a gzip-compressed tar of plain files in this order, which any system
 one pass and takes nothing but what the manifest names next.
 """
 
-from app.services.archive.making import Archived, archive_session
+from app.services.archive.making import archive_session
 from app.services.archive.manifest import ArchiveManifest
-from app.services.archive.restoring import Restored, restore_session
+from app.services.archive.restoring import restore_session
 
-__all__ = ["ArchiveManifest", "Archived", "Restored", "archive_session", "restore_session"]
+__all__ = ["ArchiveManifest", "archive_session", "restore_session"]

@@ -9,16 +9,14 @@ key-pepper-*          what the keys are hashed with: a backup is as confidential
 
 from app.services.backup.damage import damage_advice
 from app.services.backup.latest import LatestBackup, read_latest_backup
-from app.services.backup.making import Report, make_backup
-from app.services.backup.manifest import MANIFEST, Manifest, read_manifest
+from app.services.backup.making import make_backup
+from app.services.backup.manifest import MANIFEST, read_manifest
 from app.services.backup.moving import move_installation
 from app.services.backup.restoring import restore_backup
 
 __all__ = [
     "MANIFEST",
     "LatestBackup",
-    "Manifest",
-    "Report",
     "damage_advice",
     "make_backup",
     "move_installation",

@@ -12,7 +12,6 @@ from app.services.measurements.corrections import correct_measurement, delete_me
 from app.services.measurements.gallery import (
     GalleryCounts,
     GalleryFilter,
-    GalleryPage,
     ImageState,
     count_gallery,
     list_gallery,
@@ -37,7 +36,6 @@ from app.services.measurements.upload import find_upload, store_image
 __all__ = [
     "GalleryCounts",
     "GalleryFilter",
-    "GalleryPage",
     "ImageState",
     "MeasurementDetail",
     "Metadata",

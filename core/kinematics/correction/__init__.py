@@ -2,14 +2,8 @@
 
 from core.kinematics.correction.components import CorrectableComponents
 from core.kinematics.correction.confirmation import MAX_CONFIRMING_RATIO, curves_ratio
-from core.kinematics.correction.error_map import (
-    ErrorCell,
-    KinematicError,
-    KinematicErrorMap,
-    kinematic_error,
-    map_kinematic_error,
-)
-from core.kinematics.correction.inverse_kinematics import InverseSolution, solve_inverse
+from core.kinematics.correction.error_map import KinematicErrorMap, kinematic_error, map_kinematic_error
+from core.kinematics.correction.inverse_kinematics import solve_inverse
 from core.kinematics.correction.model import CorrectionErrors, CorrectionModel, correction_model
 from core.kinematics.correction.solution import Corrected, Outcome, correct
 
@@ -19,9 +13,6 @@ __all__ = [
     "Corrected",
     "CorrectionErrors",
     "CorrectionModel",
-    "ErrorCell",
-    "InverseSolution",
-    "KinematicError",
     "KinematicErrorMap",
     "Outcome",
     "correct",

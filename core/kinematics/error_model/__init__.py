@@ -1,9 +1,6 @@
 """What a robot has beyond its Denavit-Hartenberg chain: joint curves, compliance and wobble, as terms with priors."""
 
 from core.kinematics.error_model.curves import (
-    JointApproach,
-    JointCompliance,
-    JointCurve,
     JointRegion,
     joint_approach,
     joint_compliance,
@@ -11,9 +8,9 @@ from core.kinematics.error_model.curves import (
     joint_regions,
     visited_angles,
 )
-from core.kinematics.error_model.fit import ErrorFit, Level
-from core.kinematics.error_model.held_out import HeldOut, growth, hold_out, variances
-from core.kinematics.error_model.linear_problem import Design, design
+from core.kinematics.error_model.fit import Level
+from core.kinematics.error_model.held_out import growth, hold_out, variances
+from core.kinematics.error_model.linear_problem import design
 from core.kinematics.error_model.model import (
     STRONG_EVIDENCE,
     ErrorModel,
@@ -26,13 +23,7 @@ from core.kinematics.error_model.priors import FEW_POSES
 __all__ = [
     "FEW_POSES",
     "STRONG_EVIDENCE",
-    "Design",
-    "ErrorFit",
     "ErrorModel",
-    "HeldOut",
-    "JointApproach",
-    "JointCompliance",
-    "JointCurve",
     "JointRegion",
     "Level",
     "choose_model",

@@ -6,13 +6,7 @@ from core.kinematics.global_fit.identifiability import Gauge, fix_gauge
 from core.kinematics.global_fit.joint_configurations import SAME_CONFIGURATION, configurations
 from core.kinematics.global_fit.nominal_frames import fit_frames
 from core.kinematics.global_fit.null_space import Unidentifiable, held_by_axes, unidentifiable
-from core.kinematics.global_fit.observability import (
-    Conditioning,
-    ObservabilityIndices,
-    conditioning,
-    conditioning_of_chain,
-    scaled,
-)
+from core.kinematics.global_fit.observability import Conditioning, conditioning, conditioning_of_chain, scaled
 from core.kinematics.global_fit.placement import placed
 from core.kinematics.global_fit.residuals import (
     Observations,
@@ -43,7 +37,6 @@ __all__ = [
     "FitResult",
     "Gauge",
     "HoldOutError",
-    "ObservabilityIndices",
     "Observations",
     "Unidentifiable",
     "Validation",

@@ -1,13 +1,6 @@
 """Uncertainty budgets of headline figures by the GUM, and their check by sampling (GUM Supplement 1)."""
 
-from core.metrology.budget.combination import (
-    Agreement,
-    Budget,
-    Contribution,
-    Distribution,
-    Evaluation,
-    combined,
-)
+from core.metrology.budget.combination import Budget, Contribution, Distribution, Evaluation, combined
 from core.metrology.budget.figures import (
     FORM_OF_NOISE,
     accuracy_budget,
@@ -19,7 +12,6 @@ from core.metrology.budget.figures import (
 
 __all__ = [
     "FORM_OF_NOISE",
-    "Agreement",
     "Budget",
     "Contribution",
     "Distribution",

@@ -8,8 +8,8 @@ from core.metrology.repeatability.intervals import (
     noise_only_lengths,
 )
 from core.metrology.repeatability.label_shifts import find_label_shifts
-from core.metrology.repeatability.misplaced_visits import MisplacedVisit, find_misplaced_visits
-from core.metrology.repeatability.outliers import CLUSTERS, Outlier
+from core.metrology.repeatability.misplaced_visits import find_misplaced_visits
+from core.metrology.repeatability.outliers import CLUSTERS
 from core.metrology.repeatability.statistics import cycle_statistics
 from core.metrology.repeatability.verdict import FEW_CYCLES, MAX_INSTRUMENT_SHARE, Verdict
 
@@ -18,8 +18,6 @@ __all__ = [
     "FEW_CYCLES",
     "MAX_INSTRUMENT_SHARE",
     "IntervalEstimate",
-    "MisplacedVisit",
-    "Outlier",
     "PoseRepeatability",
     "Verdict",
     "assess_radial",

@@ -6,7 +6,6 @@ from core.metrology.steadiness.assessment import (
     Attribution,
     PoseMotion,
     Steadiness,
-    SteadinessPValues,
     assess_steadiness,
 )
 from core.metrology.steadiness.cycle_grid import CycleGrid, PoseSeries, equal_scale
@@ -26,7 +25,6 @@ __all__ = [
     "PoseSeries",
     "SlowMotion",
     "Steadiness",
-    "SteadinessPValues",
     "Trend",
     "TwoPoints",
     "assess_steadiness",

@@ -1,6 +1,6 @@
 """Cameras and poses of a session: which images are used, the lens, the board's symmetry, and each image's pose."""
 
-from core.session.estimation.image_selection import SelectedImages, select_images
+from core.session.estimation.image_selection import select_images
 from core.session.estimation.lens_model import observed_radius
 from core.session.estimation.poses_by_image import ImagePose, image_poses
 from core.session.estimation.session_estimate import estimate_session, worst_poses
@@ -9,7 +9,6 @@ from core.session.estimation.target_refinement import RefinedTarget, refine_targ
 __all__ = [
     "ImagePose",
     "RefinedTarget",
-    "SelectedImages",
     "estimate_session",
     "image_poses",
     "observed_radius",

@@ -1,8 +1,8 @@
 """Repeatability and accuracy of a session's poses: its rows, steadiness, absolute figures, acceptance and warnings."""
 
-from core.session.repeatability.acceptance import LimitAcceptance, SessionAcceptance, assess_acceptance
+from core.session.repeatability.acceptance import SessionAcceptance, assess_acceptance
 from core.session.repeatability.assessment import SessionRepeatability, assess_repeatability
-from core.session.repeatability.budget import Figure, FigureBudget, SessionBudgets, session_budgets
+from core.session.repeatability.budget import FigureBudget, SessionBudgets, session_budgets
 from core.session.repeatability.performance import Approaches, PoseDistance
 from core.session.repeatability.pose_rows import (
     DRIFT_BLOCK,
@@ -21,9 +21,7 @@ __all__ = [
     "Approaches",
     "BurstFloor",
     "BurstNoise",
-    "Figure",
     "FigureBudget",
-    "LimitAcceptance",
     "PoseDistance",
     "PoseRow",
     "SessionAcceptance",

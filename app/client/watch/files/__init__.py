@@ -4,13 +4,12 @@ them.
 
 from .intact import why_incomplete
 from .metadata import TABLE, ImageMetadata, MetadataError, PoseTable, read_sidecar, read_table, sidecar_of
-from .scan import Found, Listing, Settling, in_natural_order, list_folder, signature_of
+from .scan import Found, Settling, in_natural_order, list_folder, signature_of
 
 __all__ = [
     "TABLE",
     "Found",
     "ImageMetadata",
-    "Listing",
     "MetadataError",
     "PoseTable",
     "Settling",
