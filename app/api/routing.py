@@ -28,14 +28,12 @@ from app.api.problems import MEDIA_TYPE
 from app.api.representations import CSV, LIST_CSV, is_page, page_in_form, read_csv_list
 from app.errors import InvalidContent, NotFound
 from app.http import UNSAFE, authorize, check_headers, get_requester
-from app.logs import Logger
 from app.records.activity import acting
 from app.records.tables import Measurement, Qualification, Report, Robot, Session, Table, Target, Webhook
 from app.services.installation.context import ServiceContext
 from app.services.measurements import recall_targets, session_targets
 from app.services.queries import NOUNS, exists
 
-log = Logger(__name__)
 BODY_LIMIT = MIB
 BULK_LIMIT = 16 * MIB
 TAKE_CSV = frozenset({"put_poses", "put_measured_poses"})

@@ -23,7 +23,6 @@ from app.blobs.local import LocalBlobs, StagedBlob, map_storage_errors
 from app.blobs.objects import delete_object, map_object_errors, split_address, store_of
 from app.blobs.thumbnails import S3Thumbnails
 from app.errors import OriginalCorrupt, OriginalMissing
-from app.logs import Logger
 
 _STRIPES = 4096
 """Locks between services: two uploads of different images that share one wait for each other's put."""
@@ -35,8 +34,6 @@ _TOGETHER = 16
 _NAME = re.compile(r"[0-9a-f]{64}")
 Guard = Callable[[int], AbstractContextManager[None]]
 """Excludes other processes from what a number stands for."""
-
-log = Logger(__name__)
 
 
 class S3Blobs:

@@ -30,14 +30,12 @@ from app.http import (
     invalid_request,
     status_of,
 )
-from app.logs import Logger
 from app.records.activity import acting
 from app.reports.forms import symbols
 from app.web import page_words, words
 from app.web.service import service_of
 from app.web.static_files import static_version
 
-log = Logger(__name__)
 _TEMPLATES = Path(__file__).parent / "templates"
 _HEADERS = {
     "Content-Security-Policy": "default-src 'self'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
