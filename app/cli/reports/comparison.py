@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from app.analyses.history import NotAReport, Summary, comparison_document, read_report
 from app.cli.options.access import ReadAccess
-from app.client import Json, ServiceClient
+from app.client import Json
 from app.client.commands import OptionRefused, error_console, print_error, print_list
 
 Subject = Annotated[str, typer.Argument(metavar="REPORT|FILE", help="A report's id, or its JSON form.")]
@@ -22,27 +22,25 @@ def compare(first: Subject, second: Subject, service: ReadAccess) -> int:
 
     Files need no service. Ends with 1 where the sessions are not comparable: a difference need not be the robot's then.
     """
-    code: list[int] = []
     files = [Path(name).is_file() for name in (first, second)]
-
-    def act(client: ServiceClient) -> None:
-        if not any(files):
-            code.append(_show(client.get(f"/v1/reports/{first}/comparison/{second}")))
-            return
-        read = [
-            read_file(name) if is_file else read_content(client.get_bytes(f"/v1/reports/{name}.json"), name)
-            for name, is_file in zip((first, second), files, strict=True)
-        ]
-        code.append(_show(comparison_document(*read)))
-
     if all(files):
         try:
             return _show(comparison_document(read_file(first), read_file(second)))
         except OptionRefused as refused:
             print_error(error_console(), str(refused), refused.advice)
             return 2
-    ended = service.run(act)
-    return ended or code[0]
+    with service.connect() as client:
+        if any(files):
+            read = [
+                read_file(name)
+                if is_file
+                else read_content(client.get_bytes(f"/v1/reports/{name}.json"), name)
+                for name, is_file in zip((first, second), files, strict=True)
+            ]
+            found = comparison_document(*read)
+        else:
+            found = client.get(f"/v1/reports/{first}/comparison/{second}")
+    return _show(found)
 
 
 def read_file(name: str) -> Summary:

@@ -44,9 +44,9 @@ def verify(
     path = Path(subject)
     if path.is_file():
         return _verify_file(path, signature or path.with_name(path.name + ".sig"), fingerprint)
-    agrees: list[bool] = []
-    ended = service.run(lambda client: agrees.append(_verify_stored(client, subject, originals)))
-    return ended or int(not all(agrees))
+    with service.connect() as client:
+        agrees = _verify_stored(client, subject, originals)
+    return int(not agrees)
 
 
 def _verify_file(path: Path, signature: Path, trusted: str | None) -> int:

@@ -21,8 +21,8 @@ from app.analyses.documents.robot_files import (
     write_terms_json,
 )
 from app.cli.options.access import ReadAccess
-from app.client import ClientError, Json, ServiceClient, find_session
-from app.client.commands import OptionRefused, error_console, print_bytes, print_error, print_refusal
+from app.client import Json, ServiceClient, find_session
+from app.client.commands import OptionRefused, error_console, print_bytes, print_error
 
 
 class ModelFormat(enum.StrEnum):
@@ -131,19 +131,18 @@ def export_dh(
     """Write a session's identified robot as URDF, Robotics Toolbox model, YAML or CSV."""
     console = error_console()
     taken = model or (DhModel.dh if model_format in _CHAIN_ALONE else DhModel.auto)
-    try:
-        with service.client(console) as client:
-            session_id = find_session(client, session)["id"]
-            document = client.get(
-                f"/v1/sessions/{session_id}/dh",
-                method=method.value,
-                model=taken.value,
-                source=source.value,
-                estimator=estimator,
-                joint_tolerance_deg=joint_tolerance_deg,
-                sweep=sweep or None,
-            )
-            robot = _robot(client, session_id, len(document["joints"]))
+    with service.connect() as client:
+        session_id = find_session(client, session)["id"]
+        document = client.get(
+            f"/v1/sessions/{session_id}/dh",
+            method=method.value,
+            model=taken.value,
+            source=source.value,
+            estimator=estimator,
+            joint_tolerance_deg=joint_tolerance_deg,
+            sweep=sweep or None,
+        )
+        robot = _robot(client, session_id, len(document["joints"]))
         if document["joint_coupling"] is not None and model_format not in _ANY_COUPLING:
             raise OptionRefused(
                 "The robot's joints are coupled, which this format cannot express: its joints turn each by itself.",
@@ -158,11 +157,6 @@ def export_dh(
             _limits(joint_limits, [(joint.get("minimum_deg"), joint.get("maximum_deg")) for joint in joints]),
             camera,
         )
-    except OptionRefused as refused:
-        print_error(console, str(refused), refused.advice)
-        return 2
-    except ClientError as error:
-        return print_refusal(console, error)
     try:
         text = _WRITERS[model_format](written)
     except NoTerms as reason:

@@ -9,7 +9,7 @@ import typer
 from rich.markup import escape
 
 from app.cli.options.access import ReadAccess
-from app.client import Json, ServiceClient, find_robot
+from app.client import Json, find_robot
 from app.client.commands import OptionRefused, error_console, output_console, print_list, write_file
 
 _COLUMNS = ("of", "figure", "sessions", "first", "last", "three-sigma limits", "outside")
@@ -35,9 +35,7 @@ def history(
     Each session counts by its latest report of a kind. Only sessions of the same commanded poses, load, speed and
     temperature (within 2 K) share a control chart. Ends with 1 where a chart shows a lasting change.
     """
-    alarms: list[str] = []
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         path = f"/v1/robots/{find_robot(client, robot)['id']}/history"
         found = client.get(path, kind=kind)
         for warning in found["warnings"]:
@@ -49,16 +47,14 @@ def history(
             )
         for test in found["tests"]:
             _print_test(found, test)
-        alarms.extend(one["alarm"]["sentence"] for one in found["series"] if one["alarm"] is not None)
+        alarms = [one["alarm"]["sentence"] for one in found["series"] if one["alarm"] is not None]
         for sentence in alarms:
             output_console().print(escape(sentence))
         if table is not None:
             write_file(table, client.get_bytes(path, accept="text/csv", kind=kind))
         if drawing is not None:
             write_file(drawing, client.get_bytes(f"{path}.svg", kind=kind))
-
-    ended = service.run(act)
-    return ended or int(bool(alarms))
+    return int(bool(alarms))
 
 
 def _print_test(found: Json, test: Json) -> None:

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from app.cli.options.access import UploadAccess
-from app.client import Json, ServiceClient, find_robot
+from app.client import Json, find_robot
 from app.client.commands import print_json, read_mapping
 
 _COLUMNS = (
@@ -35,18 +35,15 @@ def plan_dh(
     robot: Annotated[str, typer.Option(help="Id or name of the robot.")],
     service: UploadAccess,
     as_json: Annotated[bool, typer.Option("--json", help="Print the service's answer unchanged.")] = False,
-) -> int:
+) -> None:
     """Predict the uncertainty of every DH parameter for a set of poses, and suggest the poses that help most."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         body = read_mapping(file)
         plan = client.create(f"/v1/robots/{find_robot(client, robot)['id']}/dh-plan", body)
         if as_json:
             print_json(plan)
         else:
             _show(Console(highlight=False, emoji=False), plan)
-
-    return service.run(act)
 
 
 def _show(console: Console, plan: Json) -> None:

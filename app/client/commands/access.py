@@ -5,7 +5,8 @@ A command takes them as one of `ReadAccess`, `UploadAccess` and `AdminAccess`, b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -18,7 +19,7 @@ from rich.markup import escape
 from .. import ClientError, ServiceClient
 from ..credentials import saved_key, usual_address
 from ..http import ArgumentRefused, service_address
-from .console import OptionRefused, error_console, print_error
+from .console import OptionRefused, error_console, fail, print_error
 
 RETRY_FOR_S = 300.0
 _FROM_FILE = "key"
@@ -130,8 +131,8 @@ def exit_code(error: ClientError) -> int:
     return 2 if isinstance(error, ArgumentRefused) else 1
 
 
-def act_on_each(ids: Sequence[str], act: Callable[[str], None], shown_by: str) -> int:
-    """Let `act` do something with each of several resources and return the exit code.
+def act_on_each(ids: Sequence[str], act: Callable[[str], None], shown_by: str) -> None:
+    """Let `act` do something with each of several resources; end the command with 1 where one is refused.
 
     What the service refuses of one is printed with its id, and the others follow. A failure that all of them share, as
     of the network or the key, ends it and is raised. `shown_by` is the command that shows the ids.
@@ -151,7 +152,8 @@ def act_on_each(ids: Sequence[str], act: Callable[[str], None], shown_by: str) -
             advice[f"Check the id; `{shown_by}` shows it." if is_unknown else error.advice or ""] = None
     for text in filter(None, advice):
         console.print(escape(text))
-    return 1 if failed else 0
+    if failed:
+        raise typer.Exit(1)
 
 
 def _is_of_all(error: ClientError) -> bool:
@@ -177,21 +179,21 @@ class ReadAccess:
         """Return a client of the service, as `open_client` does."""
         return open_client(console, self.url, self.key, self.retry_for)
 
-    def run(self, act: Callable[[ServiceClient], int | None], file: Path | None = None) -> int:
-        """Let `act` use a client and return the exit code, 0 where `act` returns none.
+    @contextmanager
+    def connect(self, file: Path | None = None) -> Iterator[ServiceClient]:
+        """Give a client; print what is refused and end the command.
 
-        2 where `act` raises OptionRefused or ArgumentRefused, 1 for a refusal of the service; all are printed.
-        `file` holds the fields that `act` sends.
+        The exit code is 2 for OptionRefused and ArgumentRefused, 1 for a refusal of the service. `file` holds the
+        fields that are sent.
         """
         errors = error_console()
         try:
             with self.client(errors) as client:
-                return act(client) or 0
+                yield client
         except OptionRefused as refused:
-            print_error(errors, str(refused), refused.advice)
-            return 2
+            fail(str(refused), refused.advice, code=2)
         except ClientError as error:
-            return print_refusal(errors, error, file)
+            raise typer.Exit(print_refusal(errors, error, file)) from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

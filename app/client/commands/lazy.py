@@ -96,17 +96,17 @@ def uncollected() -> Iterator[None]:
         gc.enable()
 
 
-def _exiting(command: Callable[..., int]) -> Callable[..., None]:
-    """Return a function with the same options that ends the process with the code `command` returns."""
+def _exiting(command: Callable[..., int | None]) -> Callable[..., None]:
+    """Return a function with the same options that ends the process with the code `command` returns, 0 for none."""
 
     @functools.wraps(command)
     def run(*arguments: Any, **options: Any) -> None:
-        raise typer.Exit(command(*arguments, **options))
+        raise typer.Exit(command(*arguments, **options) or 0)
 
     return run
 
 
-def _expanded(command: Callable[..., int]) -> Callable[..., int]:
+def _expanded(command: Callable[..., int | None]) -> Callable[..., int | None]:
     """Return `command` with the options of its option groups, after its own, in place of the groups."""
     hints = get_type_hints(command, include_extras=True)
     groups: dict[str, tuple[type, tuple[str, ...]]] = {}
@@ -121,7 +121,7 @@ def _expanded(command: Callable[..., int]) -> Callable[..., int]:
         groups[name] = (kind, tuple(option.name for option in options))
         shared += options
 
-    def run(**values: Any) -> int:
+    def run(**values: Any) -> int | None:
         for name, (kind, fields) in groups.items():
             values[name] = kind(**{field: values.pop(field) for field in fields})
         return command(**values)

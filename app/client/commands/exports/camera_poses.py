@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ... import Json, ServiceClient, find_session
+from ... import Json, find_session
 from ..access import ReadAccess
 from ..output_files import Output, write_text
 from ..rotations import to_quaternion
@@ -33,10 +33,9 @@ def export(
     ),
     estimator: Annotated[str, typer.Option(help="As of the analysis.")] = "pooled",
     output: Output = None,
-) -> int:
+) -> None:
     """Write the camera's pose in every image of a session: mm and quaternion x, y, z, w, in the target's frame."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         session_id = find_session(client, session)["id"]
         found = client.get(f"/v1/sessions/{session_id}/camera-poses", estimator=estimator)
         if file_format is TableFormat.json:
@@ -44,8 +43,6 @@ def export(
         else:
             text = _csv(found["camera_poses"])
         write_text(text, output)
-
-    return service.run(act)
 
 
 def _csv(images: list[Json]) -> str:

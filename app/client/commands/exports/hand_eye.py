@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 import yaml
 
-from ... import Json, ServiceClient, find_session
+from ... import Json, find_session
 from ..access import ReadAccess
 from ..console import OptionRefused
 from ..output_files import Output, write_text
@@ -45,13 +45,12 @@ def export(
         str, typer.Option(help="Frame of the target in ROS; several get numbers.")
     ] = "target",
     output: Output = None,
-) -> int:
+) -> None:
     """Write a session's hand-eye calibration as YAML, JSON or ROS static transforms, with its uncertainty.
 
     Lengths are mm in YAML and JSON, metres in ROS; quaternions are x, y, z, w.
     """
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         frames = (flange_frame, camera_frame, base_frame, target_frame)
         if bad := [frame for frame in frames if not frame or any(c.isspace() or c in "'\"" for c in frame)]:
             raise OptionRefused(
@@ -65,8 +64,6 @@ def export(
             write: Callable[[Json], str] = _WRITERS[file_format]
             text = write(_content(found))
         write_text(text, output)
-
-    return service.run(act)
 
 
 def _content(found: Json) -> Json:

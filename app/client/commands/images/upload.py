@@ -92,7 +92,7 @@ def upload(
         )
         return 2
 
-    def act(client: ServiceClient) -> int:
+    with service.connect() as client:
         found = existing_session(client, session)
         if target is not None:
             check_target(client, target)
@@ -117,9 +117,7 @@ def upload(
             parallel=parallel,
             wait=wait,
         )
-        return report(console, plan, sent)
-
-    return service.run(act)
+    return report(console, plan, sent)
 
 
 def numbered(

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ... import ServiceClient, find_session
+from ... import find_session
 from ..access import AdminAccess
 from ..console import OptionRefused
 
@@ -17,10 +17,9 @@ def delete(
     pose: Annotated[str | None, typer.Option(help="Those of one pose alone.")] = None,
     cycle: Annotated[int | None, typer.Option(help="Those of one cycle alone.", min=1)] = None,
     everything: Annotated[bool, typer.Option("--all", help="All readings of the session.")] = False,
-) -> int:
+) -> None:
     """Delete poses that another instrument measured: those of a pose, of a cycle, of both, or all."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         if everything == (pose is not None or cycle is not None):
             raise OptionRefused(
                 "Nothing is selected, or too much.", "Give --pose, --cycle or both, or else --all."
@@ -28,5 +27,3 @@ def delete(
         path = f"/v1/sessions/{find_session(client, session)['id']}/measured-poses"
         answer = client.delete(path, pose_id=pose, cycle=cycle)
         print(f"{answer['deleted'] if answer is not None else 0} measured poses deleted")
-
-    return service.run(act)

@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 import typer
 
-from ... import ServiceClient
 from ..access import AdminAccess, UploadAccess, act_on_each
 from ..console import fail
 
@@ -29,7 +28,7 @@ def correct(
     joint_angles: Annotated[
         str | None, typer.Option(help="Joint angles in degrees, comma-separated; an empty text: the pose's.")
     ] = None,
-) -> int:
+) -> None:
     """Correct the pose, cycle, burst index, focus group or joint angles of an image, in all of its measurements."""
     changes: dict[str, Any] = {}
     if pose is not None:
@@ -52,66 +51,61 @@ def correct(
             "Give --pose, --cycle, --burst, --focus-group or --joint-angles.",
             code=2,
         )
-    return _change([measurement], changes, "corrected", service)
+    _change([measurement], changes, "corrected", service)
 
 
 def exclude(
     measurements: Several,
     reason: Annotated[str, typer.Option(help="Why; analyses repeat it.")],
     service: UploadAccess,
-) -> int:
+) -> None:
     """Exclude measurements from analyses, which list them with the reason."""
-    return _change(measurements, {"excluded": {"reason": reason}}, "excluded", service)
+    _change(measurements, {"excluded": {"reason": reason}}, "excluded", service)
 
 
 def include(
     measurements: Several,
     service: UploadAccess,
-) -> int:
+) -> None:
     """Let measurements count again that were excluded from analyses."""
-    return _change(measurements, {"excluded": None}, "included", service)
+    _change(measurements, {"excluded": None}, "included", service)
 
 
 def delete(
     measurements: Several,
     service: AdminAccess,
-) -> int:
+) -> None:
     """Delete measurements with their results, and originals that no other measurement holds."""
+    with service.connect() as client:
 
-    def act(client: ServiceClient) -> int:
         def delete_one(measurement: str) -> None:
             client.delete(f"/v1/measurements/{measurement}")
             print(f"{measurement} deleted")
 
-        return act_on_each(measurements, delete_one, _SHOWN_BY)
-
-    return service.run(act)
+        act_on_each(measurements, delete_one, _SHOWN_BY)
 
 
 def retry(
     measurements: Several,
     service: UploadAccess,
-) -> int:
+) -> None:
     """Compute measurements again; their results stay until others replace them."""
+    with service.connect() as client:
 
-    def act(client: ServiceClient) -> int:
         def retry_one(measurement: str) -> None:
             client.create(f"/v1/measurements/{measurement}/retry", {})
             print(f"{measurement} queued")
 
-        return act_on_each(measurements, retry_one, _SHOWN_BY)
-
-    return service.run(act)
+        act_on_each(measurements, retry_one, _SHOWN_BY)
 
 
-def _change(measurements: list[str], changes: dict[str, Any], done: str, service: UploadAccess) -> int:
-    def act(client: ServiceClient) -> int:
+def _change(measurements: list[str], changes: dict[str, Any], done: str, service: UploadAccess) -> None:
+    with service.connect() as client:
+
         def change_one(measurement: str) -> None:
             changed = client.change(f"/v1/measurements/{measurement}", changes)
             siblings = ", ".join(changed["siblings"])
             of_image = f" (other measurements of the image: {siblings})" if siblings else ""
             print(f"{measurement} {done}{of_image}")
 
-        return act_on_each(measurements, change_one, _SHOWN_BY)
-
-    return service.run(act)
+        act_on_each(measurements, change_one, _SHOWN_BY)

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from ... import Json, ServiceClient, find_session
+from ... import Json, find_session
 from ...summary import outcome_in_words
 from ..access import ReadAccess
 from ..console import print_json, print_list
@@ -24,27 +24,21 @@ def show_list(
         ),
     ] = None,
     pose: Annotated[str | None, typer.Option(help="Those of one pose alone.")] = None,
-) -> int:
+) -> None:
     """List a session's measurements with their ids, why they failed, and why they are excluded."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         path = f"/v1/sessions/{find_session(client, session)['id']}/measurements"
         found = client.items(path, status=status, pose_id=pose)
         print_list(_COLUMNS, map(_cells, found), "No measurement matches; `gridpose upload` sends images.")
-
-    return service.run(act)
 
 
 def show(
     measurement: Annotated[str, typer.Argument(help="Id of the measurement.")],
     service: ReadAccess,
-) -> int:
+) -> None:
     """Print a measurement as the service answers it."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         print_json(client.get(f"/v1/measurements/{measurement}"))
-
-    return service.run(act)
 
 
 def _cells(measurement: Json) -> tuple[str, ...]:

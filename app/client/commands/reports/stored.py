@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ... import ClientError, Json, ServiceClient, find_session
+from ... import ClientError, Json, find_session
 from ..access import ReadAccess, UploadAccess
 from ..console import fail, print_json, print_list
 from ..output_files import write_file
@@ -59,13 +59,12 @@ def create(
     ] = None,
     paper: Annotated[Paper, typer.Option(help="Paper of the PDF.")] = Paper.a4,
     wait: Annotated[bool, typer.Option(help="Wait until it is made.")] = True,
-) -> int:
+) -> None:
     """Make a report of a session as it is now; it is stored, signed, and never changes.
 
     Prints the report's id as the last line.
     """
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         session_id = find_session(client, session)["id"]
         body: dict[str, Any] = {
             "kind": kind.value,
@@ -82,8 +81,6 @@ def create(
             raise ClientError(failure["code"], failure["detail"], failure["advice"])
         print(report["id"])
 
-    return service.run(act)
-
 
 def show_list(
     service: ReadAccess,
@@ -91,14 +88,14 @@ def show_list(
         str | None, typer.Argument(help="Id or name of a session: its reports alone.  [default: all]")
     ] = None,
     option: Annotated[str | None, typer.Option("--session", help="The session, as an option.")] = None,
-) -> int:
+) -> None:
     """List stored reports, those of deleted sessions too."""
 
     if session is not None and option is not None:
         fail("The session is given twice.", "Give it as the argument or by --session.", code=2)
     chosen = session if session is not None else option
 
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         query = {"session_id": find_session(client, chosen)["id"]} if chosen is not None else {}
         rows = [
             (one["id"], one["kind"], one["status"], one["finished_at"] or "", one["title"])
@@ -106,16 +103,11 @@ def show_list(
         ]
         print_list(_COLUMNS, rows, "There are no reports yet; `gridpose report create --help` says how.")
 
-    return service.run(act)
 
-
-def show(report: ReportId, service: ReadAccess) -> int:
+def show(report: ReportId, service: ReadAccess) -> None:
     """Print what a report is, and the hashes of its forms."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         print_json(client.get(f"/v1/reports/{report}"))
-
-    return service.run(act)
 
 
 def fetch(
@@ -125,18 +117,15 @@ def fetch(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File.  [default: the report's id with the form]")
     ] = None,
-) -> int:
+) -> None:
     """Save a form of a report, and its detached signature alongside it."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         target = output or Path(f"{report}.{form.value}")
         content = client.get_bytes(f"/v1/reports/{report}.{form.value}")
         signature = client.get_bytes(f"/v1/reports/{report}.sig")
         write_file(target, content)
         write_file(target.with_name(target.name + ".sig"), signature)
         print(target)
-
-    return service.run(act)
 
 
 def _signatory(text: str) -> Json:

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from ... import Json, ServiceClient, find_robot, find_session
+from ... import Json, find_robot, find_session
 from ...pose_rows import POSE_COLUMNS, RowError, pose_of_cells
 from ..access import UploadAccess
 from ..console import OptionRefused, error_console
@@ -76,7 +76,7 @@ def compensate(
             help="File to write: .json, .csv, or of a program the program.  [default: on stdout]",
         ),
     ] = None,
-) -> int:
+) -> None:
     """Correct commanded poses by what a session identified of the robot, from file to file.
 
     A program of a controller (KUKA .dat and .src, ABB .mod, UR .script, FANUC .ls) is written back with the numbers of
@@ -86,8 +86,7 @@ def compensate(
     in the robot's base (x_mm, y_mm, z_mm, roll_deg, pitch_deg, yaw_deg), or both. Commands that cannot be corrected
     are written as they were; `outcome` says why.
     """
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         make = controller or (controller_of(file) if file_format is None else None)
         frames = _frame(base, "--base"), _frame(tool, "--tool")
         program = None if make is None else read_program(file, make, *frames)
@@ -115,8 +114,6 @@ def compensate(
         _show(found)
         if program is not None:
             _show_program(program, frames_given=bool(base or tool))
-
-    return service.run(act)
 
 
 def _frame(text: str | None, option: str) -> Frame:

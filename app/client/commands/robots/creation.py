@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from ... import Json, ServiceClient, find_robot
+from ... import Json, find_robot
 from ...http import insisting_query
 from ..access import UploadAccess
 from ..console import OptionRefused, error_console
@@ -97,7 +97,7 @@ def create(
     name: Name = None,
     file: BodyFile = None,
     accept_implausible: AcceptImplausible = False,
-) -> int:
+) -> None:
     """Make a robot with its nominal Denavit-Hartenberg parameters: by joint, from a CSV or URDF, or by its model.
 
     For example, two joints: gridpose robots create arm --joint 180:-90:400 --joint 600:0:0:-90:-170:170; from a URDF:
@@ -105,8 +105,8 @@ def create(
 
     Prints the robot's id as the last line.
     """
-    return service.run(
-        lambda client: create_named(
+    with service.connect(file) as client:
+        create_named(
             client,
             "robot",
             name,
@@ -115,9 +115,7 @@ def create(
             {"joints": "--joint, --joints-from or --known"},
             "gridpose sessions create NAME --robot {id}",
             accept_implausible=accept_implausible,
-        ),
-        file,
-    )
+        )
 
 
 def change(
@@ -126,13 +124,12 @@ def change(
     changed: RobotOptions,
     name: Annotated[str | None, typer.Option(help="The robot's new name.")] = None,
     accept_implausible: AcceptImplausible = False,
-) -> int:
+) -> None:
     """Change what is stated of a robot; joints are given whole.
 
     Analyses of its sessions use the change.
     """
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         changes = changed.stated() | ({} if name is None else {"name": name})
         if not changes:
             raise OptionRefused(
@@ -141,8 +138,6 @@ def change(
         robot_id = find_robot(client, robot)["id"]
         client.change(f"/v1/robots/{robot_id}{insisting_query(accept_implausible)}", changes)
         print(f"{robot_id} changed")
-
-    return service.run(act)
 
 
 def _known(model: str) -> Json:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ... import ServiceClient, find_robot
+from ... import find_robot
 from ..access import AdminAccess, ReadAccess, UploadAccess, act_on_each
 from ..console import OptionRefused, print_list
 
@@ -38,22 +38,18 @@ def add(
             dir_okay=False,
         ),
     ] = None,
-) -> int:
+) -> None:
     """Note something done to a robot: its history shows it, charts mark it, and alarms name what came before them."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         events = _given(note, at, file, restarts_charts=restarts_charts)
         robot_id = find_robot(client, robot)["id"]
         for event in events:
             print(client.create(f"/v1/robots/{robot_id}/events", event)["id"])
 
-    return service.run(act)
 
-
-def show_list(robot: Robot, service: ReadAccess) -> int:
+def show_list(robot: Robot, service: ReadAccess) -> None:
     """List what was done to a robot, oldest first."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         robot_id = find_robot(client, robot)["id"]
         events = sorted(client.items(f"/v1/robots/{robot_id}/events"), key=lambda event: event["at"])
         rows = [
@@ -63,26 +59,21 @@ def show_list(robot: Robot, service: ReadAccess) -> int:
         none = "Nothing is noted of this robot; `gridpose robots events add --help` says how."
         print_list(("id", "at", "restarts charts", "by", "note"), rows, none)
 
-    return service.run(act)
-
 
 def delete(
     robot: Robot,
     events: Annotated[list[str], typer.Argument(help="Ids of events.")],
     service: AdminAccess,
-) -> int:
+) -> None:
     """Delete events that were noted in error."""
-
-    def act(client: ServiceClient) -> int:
+    with service.connect() as client:
         robot_id = find_robot(client, robot)["id"]
 
         def delete_one(event: str) -> None:
             client.delete(f"/v1/robots/{robot_id}/events/{event}")
             print(f"{event} deleted")
 
-        return act_on_each(events, delete_one, "gridpose robots events list ROBOT")
-
-    return service.run(act)
+        act_on_each(events, delete_one, "gridpose robots events list ROBOT")
 
 
 def _given(

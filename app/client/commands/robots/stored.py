@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ... import ServiceClient, find_robot
+from ... import find_robot
 from ..access import AdminAccess, ReadAccess, act_on_each
 from ..console import print_json, print_list
 from .known import KNOWN
@@ -18,42 +18,35 @@ def show_list(
         bool,
         typer.Option("--known", help="List the models whose parameters `--known` of `robots create` knows."),
     ] = False,
-) -> int:
+) -> None:
     """List the robots of a service."""
     if known:
         models = [(robot.model, robot.maker, robot.source) for robot in KNOWN]
         print_list(("model", "maker", "source"), models, "")
-        return 0
+        return
 
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         rows = [(r["id"], r["name"], str(len(r["joints"]))) for r in client.items("/v1/robots")]
         none = "There are no robots yet; `gridpose robots create --help` says how."
         print_list(("id", "name", "joints"), rows, none)
 
-    return service.run(act)
 
-
-def show(robot: Annotated[str, typer.Argument(help="Id or name of the robot.")], service: ReadAccess) -> int:
+def show(robot: Annotated[str, typer.Argument(help="Id or name of the robot.")], service: ReadAccess) -> None:
     """Print a robot as the service answers it."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         print_json(find_robot(client, robot))
-
-    return service.run(act)
 
 
 def delete(
     robots: Annotated[list[str], typer.Argument(help="Ids or names of robots.")],
     service: AdminAccess,
-) -> int:
+) -> None:
     """Delete robots that no session names."""
+    with service.connect() as client:
 
-    def act(client: ServiceClient) -> int:
         def delete_one(robot: str) -> None:
             robot_id = find_robot(client, robot)["id"]
             client.delete(f"/v1/robots/{robot_id}")
             print(f"{robot_id} deleted")
 
-        return act_on_each(robots, delete_one, "gridpose robots list")
-
-    return service.run(act)
+        act_on_each(robots, delete_one, "gridpose robots list")

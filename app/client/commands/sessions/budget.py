@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from ... import Json, ServiceClient, find_session
+from ... import Json, find_session
 from ..access import ReadAccess
 from ..console import output_console, print_json
 
@@ -42,24 +42,19 @@ def budget(
 
     Exit code 3: the session has none of these figures, or the pose is not among them.
     """
-    shown: list[int] = []
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         found = client.get(
             f"/v1/sessions/{find_session(client, session)['id']}/repeatability",
             method=method,
             source=source,
             estimator=estimator,
         )
-        inputs, totals = (_of_pose(found[name], pose_id) for name in ("budget", "budget_totals"))
-        shown.append(len(totals))
-        if as_json:
-            print_json({"budget": inputs, "budget_totals": totals})
-        else:
-            print_budget(inputs, totals)
-
-    code = service.run(act)
-    return 3 if shown == [0] else code
+    inputs, totals = (_of_pose(found[name], pose_id) for name in ("budget", "budget_totals"))
+    if as_json:
+        print_json({"budget": inputs, "budget_totals": totals})
+    else:
+        print_budget(inputs, totals)
+    return 0 if totals else 3
 
 
 def _of_pose(rows: list[Json], pose_id: str | None) -> list[Json]:

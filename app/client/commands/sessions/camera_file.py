@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from ... import ClientError, find_session
-from ..access import ReadAccess, print_refusal
+from ... import find_session
+from ..access import ReadAccess
 from ..console import error_console, print_error
 from ..output_files import print_bytes
 
@@ -48,18 +48,15 @@ def export_camera(
 ) -> int:
     """Write a session's camera for OpenCV, ROS, Kalibr or mrcal, with the largest error of the conversion."""
     console = error_console()
-    try:
-        with service.client(console) as client:
-            session_id = find_session(client, session)["id"]
-            data = client.get_bytes(
-                f"/v1/sessions/{session_id}/intrinsics/export",
-                format=camera_format.value,
-                estimator=estimator,
-                lens_model=lens_model,
-                focus_group=focus_group,
-            )
-    except ClientError as error:
-        return print_refusal(console, error)
+    with service.connect() as client:
+        session_id = find_session(client, session)["id"]
+        data = client.get_bytes(
+            f"/v1/sessions/{session_id}/intrinsics/export",
+            format=camera_format.value,
+            estimator=estimator,
+            lens_model=lens_model,
+            focus_group=focus_group,
+        )
     if output is None:
         print_bytes(data)
         return 0

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ... import Json, ServiceClient, find_robot, find_session
+from ... import Json, find_robot, find_session
 from ...http import insisting_query
 from ...resources import find_or_make_targets
 from ..access import AdminAccess, UploadAccess
@@ -38,15 +38,14 @@ def change(
     ] = None,
     file: ChangesFile = None,
     accept_implausible: AcceptImplausible = False,
-) -> int:
+) -> None:
     """Change a session's targets, robot, name, camera mount, lens or conditions.
 
     Images whose target went are searched again. Commanded poses stay as they are: of the flange in the base.
 
     Lens, intrinsics and conditions are those of a --file.
     """
-
-    def act(client: ServiceClient) -> None:
+    with service.connect(file) as client:
         changes: Json = read_mapping(file) if file is not None else {}
         if camera_mount is not None:
             changes["camera_mount"] = camera_mount.value
@@ -64,8 +63,6 @@ def change(
         changed = client.change(f"/v1/sessions/{session_id}{insisting_query(accept_implausible)}", changes)
         print(f"{session_id} changed; {changed['counts']['queued']} images wait to be computed")
 
-    return service.run(act, file)
-
 
 def reprocess(
     session: Session,
@@ -73,26 +70,22 @@ def reprocess(
     everything: Annotated[
         bool, typer.Option("--all", help="All measurements, not only those that failed.")
     ] = False,
-) -> int:
+) -> None:
     """Compute a session's failed measurements again, or all; results stay until others replace them."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         session_id = find_session(client, session)["id"]
         only = "all" if everything else "failed"
         queued = client.create(f"/v1/sessions/{session_id}/reprocess", {"only": only})["requeued"]
         print(f"{session_id}: {queued} measurements queued again")
-
-    return service.run(act)
 
 
 def delete(
     session: Session,
     service: AdminAccess,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
-) -> int:
+) -> None:
     """Delete a session with everything in it."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         found = find_session(client, session)
         if not yes:
             images = sum(found["counts"].values())
@@ -100,5 +93,3 @@ def delete(
             confirm_deletion(question)
         client.delete(f"/v1/sessions/{found['id']}")
         print(f"{found['id']} deleted")
-
-    return service.run(act)

@@ -36,7 +36,7 @@ def create(
     ] = None,
     file: BodyFile = None,
     accept_implausible: AcceptImplausible = False,
-) -> int:
+) -> None:
     """Begin a session: one camera looking at one or more targets.
 
     For example: gridpose sessions create "Cell 7" --target chessboard:9x6:25
@@ -60,8 +60,8 @@ def create(
             given["lens"] = {"focal_length_mm": focal_length_mm, "pixel_pitch_um": pixel_pitch_um}
         return given
 
-    return service.run(
-        lambda client: create_named(
+    with service.connect(file) as client:
+        create_named(
             client,
             "session",
             name,
@@ -70,6 +70,4 @@ def create(
             {"target_ids": "--target"},
             "gridpose upload FOLDER --session {id}",
             accept_implausible=accept_implausible,
-        ),
-        file,
-    )
+        )

@@ -45,8 +45,7 @@ def import_dataset(
 
     Prints the session's id as the last line; repeating sends what is missing.
     """
-
-    def act(client: ServiceClient) -> int:
+    with service.connect() as client:
         found = None if session is None or dry_run else existing_session(client, session)
         known_fixed = found is not None and found["camera_mount"] == "fixed"
         dataset = read_dataset(folder, layout, fixed_camera=fixed_camera or known_fixed)
@@ -67,11 +66,7 @@ def import_dataset(
             before=lambda session_id: _state_robot(client, session_id, dataset),
             wait=wait,
         )
-        return report(
-            Console(stderr=True, highlight=False, emoji=False), FilePlan(dataset.images, (), 0), sent
-        )
-
-    return service.run(act)
+    return report(Console(stderr=True, highlight=False, emoji=False), FilePlan(dataset.images, (), 0), sent)
 
 
 def _state_robot(client: ServiceClient, session_id: str, dataset: Dataset) -> None:

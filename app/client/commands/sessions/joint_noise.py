@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from ... import Json, ServiceClient, find_session
+from ... import Json, find_session
 from ..access import ReadAccess
 from ..console import output_console, print_json
 
@@ -23,18 +23,15 @@ def joint_noise(
     source: Annotated[str, typer.Option(help="images, or measured_poses of another instrument.")] = "images",
     estimator: Annotated[str, typer.Option(help="How images are combined.")] = "pooled",
     as_json: Annotated[bool, typer.Option("--json", help="Print the service's answer unchanged.")] = False,
-) -> int:
+) -> None:
     """Show the noise of a robot's joints by the scatter of repeated poses, and the repeatability it predicts."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         query = {"source": source, "estimator": estimator} | ({"at": at} if at else {})
         found = client.get(f"/v1/sessions/{find_session(client, session)['id']}/joint-noise", **query)
         if as_json:
             print_json(found)
         else:
             print_joint_noise(found)
-
-    return service.run(act)
 
 
 def print_joint_noise(found: Json) -> None:

@@ -13,16 +13,13 @@ from ..console import print_json, print_list
 _COLUMNS = ("id", "name", "measured", "with own pose", "not measured", "waiting")
 
 
-def show_list(service: ReadAccess) -> int:
+def show_list(service: ReadAccess) -> None:
     """List the sessions of a service, with how many images were measured, and how many give a pose by themselves."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         rows = []
         for session in client.items("/v1/sessions"):
             rows.append((session["id"], session["name"], *map(str, _numbers(client, session))))
         print_list(_COLUMNS, rows, "There are no sessions yet; `gridpose sessions create --help` says how.")
-
-    return service.run(act)
 
 
 def _numbers(client: ServiceClient, session: Json) -> tuple[int, ...]:
@@ -39,10 +36,7 @@ def _numbers(client: ServiceClient, session: Json) -> tuple[int, ...]:
 
 def show(
     session: Annotated[str, typer.Argument(help="Id or name of the session.")], service: ReadAccess
-) -> int:
+) -> None:
     """Print a session as the service answers it."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         print_json(find_session(client, session))
-
-    return service.run(act)

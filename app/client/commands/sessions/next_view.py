@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from ... import Json, ServiceClient, find_session
+from ... import Json, find_session
 from ...resources import target_of_session
 from ..access import UploadAccess
 from ..console import output_console, print_json
@@ -53,10 +53,9 @@ def next_view(
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the service's answer unchanged.")] = False,
-) -> int:
+) -> None:
     """Suggest the views that would make a session's camera, hand-eye calibration or robot most certain."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         found = find_session(client, session)
         asked: Json = {"purpose": purpose.value, "count": count}
         if target is not None:
@@ -68,8 +67,6 @@ def next_view(
             print_json(answer)
         else:
             print_views(answer)
-
-    return service.run(act)
 
 
 def poses_to_choose_from(file: Path) -> list[Json]:

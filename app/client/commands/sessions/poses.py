@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ... import ClientError, Json, ServiceClient, find_session
+from ... import ClientError, Json, find_session
 from ...pose_rows import POSE_COLUMNS, POSE_FIELDS, RowError, implausible_unit, pose_of_cells
 from ..access import UploadAccess
 from ..creation import AcceptImplausible
@@ -23,15 +23,14 @@ def load(
     file_format: FileFormat = None,
     delimiter: Delimiter = None,
     accept_implausible: AcceptImplausible = False,
-) -> int:
+) -> None:
     """Store the commanded poses of a file in a session, all or none; a pose that is there is replaced whole.
 
     Columns of a CSV: pose_id, x_mm, y_mm, z_mm, roll_deg, pitch_deg, yaw_deg, j1_deg, j2_deg, ..., approach; or those
     that the API has, position_x_mm and joint_angles_deg in one cell. Only pose_id is needed, and an empty cell is a
     value that is not known. JSON and YAML have the fields of the API.
     """
-
-    def act(client: ServiceClient) -> None:
+    with service.connect(file) as client:
         records = read_records(file, file_format, as_delimiter(delimiter))
         poses = [_pose(record, records) for record in records.entries]
         if not poses:
@@ -49,8 +48,6 @@ def load(
             fields = [(_place(name, records), message) for name, message in error.fields]
             raise ClientError(error.code, error.summary, error.advice, error.status, fields) from error
         print(f"{session_id}: {len(poses)} commanded poses are stored")
-
-    return service.run(act, file)
 
 
 def _place(field: str, records: Records) -> str:

@@ -10,7 +10,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from ... import Json, ServiceClient, find_session
+from ... import Json, find_session
 from ..access import ReadAccess, UploadAccess
 from ..console import OptionRefused, output_console, print_list
 from ..record_files import read_records
@@ -57,10 +57,7 @@ def qualify(
     stage, from gauge blocks, or from the robot measured by a standard. Exit code 3: a length is beyond the limit, or
     the limit cannot be decided on.
     """
-
-    decisions: list[str | None] = []
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         body = {
             "lengths": _read(lengths),
             "maximum_permissible_error_mm": maximum_error_mm,
@@ -76,10 +73,7 @@ def qualify(
             _write(output, record)
         _show(record["analysis"])
         _show_control(record)
-        decisions.append(record["decision"])
-
-    code = service.run(act)
-    return 3 if decisions and decisions[0] in ("fail", "inconclusive") else code
+    return 3 if record["decision"] in ("fail", "inconclusive") else 0
 
 
 def show_list(
@@ -87,10 +81,9 @@ def show_list(
     robot: Annotated[
         str | None, typer.Option(help="Id of a robot: its qualifications alone.  [default: all]")
     ] = None,
-) -> int:
+) -> None:
     """List qualifications by known lengths, those of deleted sessions too."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         query = {"robot_id": robot} if robot is not None else {}
         rows = [
             (
@@ -101,8 +94,6 @@ def show_list(
             for one in client.items("/v1/qualifications", **query)
         ]
         print_list(_COLUMNS, rows, "There are no qualifications yet; `gridpose qualify --help` says how.")
-
-    return service.run(act)
 
 
 def _read(path: Path) -> list[dict[str, Any]]:

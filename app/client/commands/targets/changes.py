@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ... import Json, ServiceClient, find_target
+from ... import Json, find_target
 from ..access import UploadAccess
 from ..console import OptionRefused
 from ..creation import AcceptImplausible, ChangesFile
@@ -33,15 +33,14 @@ def change(
     ] = None,
     file: ChangesFile = None,
     accept_implausible: AcceptImplausible = False,
-) -> int:
+) -> None:
     """Change a target's name, or what is known of its print: its pitch's uncertainty, its kind, its certificate.
 
     Its grid never changes: for another pitch make another target, and give it to the session (`gridpose sessions change
     SESSION --target TARGET`). Analyses use the change from now on. To remove a certificate, give a --file with
     {"certificate": null}.
     """
-
-    def act(client: ServiceClient) -> None:
+    with service.connect(file) as client:
         changes: Json = read_mapping(file) if file is not None else {}
         if name is not None:
             changes["name"] = name
@@ -59,5 +58,3 @@ def change(
         target_id = find_target(client, target)["id"]
         client.change(f"/v1/targets/{target_id}", changes, accept_implausible=accept_implausible or None)
         print(f"{target_id} changed")
-
-    return service.run(act, file)

@@ -16,7 +16,7 @@ def create(
     print_kind: PrintKind = None,
     file: BodyFile = None,
     accept_implausible: AcceptImplausible = False,
-) -> int:
+) -> None:
     """Make a target: what is printed, how many grid points it has, and their distance.
 
     For example: gridpose targets create "A4 board" --kind chessboard --columns 9 --rows 6 --pitch-mm 25
@@ -33,8 +33,8 @@ def create(
         return given
 
     needed = {"kind": "--kind", "columns": "--columns", "rows": "--rows", "pitch_mm": "--pitch-mm"}
-    return service.run(
-        lambda client: create_named(
+    with service.connect(file) as client:
+        create_named(
             client,
             "target",
             name,
@@ -43,6 +43,4 @@ def create(
             needed,
             "gridpose sessions create NAME --target {id}",
             accept_implausible=accept_implausible,
-        ),
-        file,
-    )
+        )

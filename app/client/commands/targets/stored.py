@@ -6,24 +6,21 @@ from typing import Annotated
 
 import typer
 
-from ... import ServiceClient, find_target
+from ... import find_target
 from ..access import AdminAccess, ReadAccess, act_on_each
 from ..console import print_json, print_list
 
 _COLUMNS = ("id", "name", "kind", "columns x rows", "pitch, mm")
 
 
-def show_list(service: ReadAccess) -> int:
+def show_list(service: ReadAccess) -> None:
     """List the targets of a service."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         rows = [
             (t["id"], t["name"], t["kind"], f"{t['columns']} x {t['rows']}", f"{t['pitch_mm']:g}")
             for t in client.items("/v1/targets")
         ]
         print_list(_COLUMNS, rows, "There are no targets yet; `gridpose targets create --help` says how.")
-
-    return service.run(act)
 
 
 def show(
@@ -31,13 +28,10 @@ def show(
         str, typer.Argument(help="Id or name of the target, or sheet: and the id on its print.")
     ],
     service: ReadAccess,
-) -> int:
+) -> None:
     """Print a target as the service answers it."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         print_json(find_target(client, target))
-
-    return service.run(act)
 
 
 def delete(
@@ -45,15 +39,13 @@ def delete(
         list[str], typer.Argument(help="Ids or names of targets, or sheet: and the id on a print.")
     ],
     service: AdminAccess,
-) -> int:
+) -> None:
     """Delete targets that no session and no measurement refers to."""
+    with service.connect() as client:
 
-    def act(client: ServiceClient) -> int:
         def delete_one(target: str) -> None:
             target_id = find_target(client, target)["id"]
             client.delete(f"/v1/targets/{target_id}")
             print(f"{target_id} deleted")
 
-        return act_on_each(targets, delete_one, "gridpose targets list")
-
-    return service.run(act)
+        act_on_each(targets, delete_one, "gridpose targets list")

@@ -24,10 +24,9 @@ class Status(StrEnum):
     failed = "failed"
 
 
-def test(webhook: Webhook, service: AdminAccess) -> int:
+def test(webhook: Webhook, service: AdminAccess) -> None:
     """Send a notice to a webhook, and wait for what comes of it; ends with 1 where it was not delivered."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         made = client.create(f"/v1/webhooks/{webhook}/test", {})
         found = _attempted(client, webhook, made["id"])
         if found is None or found["status"] != "delivered":
@@ -39,17 +38,14 @@ def test(webhook: Webhook, service: AdminAccess) -> int:
             )
         print(f"{made['id']} delivered, answered {found['response_status']}")
 
-    return service.run(act)
-
 
 def deliveries(
     webhook: Webhook,
     service: AdminAccess,
     status: Annotated[Status | None, typer.Option(help="Of this status alone.")] = None,
-) -> int:
+) -> None:
     """List what was sent to a webhook, or waits to be, and why it was not delivered."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         query = {} if status is None else {"status": status.value}
         rows = [
             (
@@ -65,8 +61,6 @@ def deliveries(
         columns = ("id", "type", "queued", "status", "attempts", "failure")
         print_list(columns, rows, "Nothing was sent to it in the last 30 days.")
 
-    return service.run(act)
-
 
 def redeliver(
     webhook: Webhook,
@@ -74,10 +68,9 @@ def redeliver(
     ids: Annotated[
         list[str] | None, typer.Argument(metavar="[DELIVERY]...", help="Ids of deliveries.")
     ] = None,
-) -> int:
+) -> None:
     """Send deliveries of a webhook again; without ids, all that failed."""
-
-    def act(client: ServiceClient) -> int:
+    with service.connect() as client:
         path = f"/v1/webhooks/{webhook}/deliveries"
         chosen = ids or [one["id"] for one in client.items(path, status="failed")]
 
@@ -85,9 +78,7 @@ def redeliver(
             client.create(f"{path}/{delivery}/redeliver", {})
             print(f"{delivery} is sent again")
 
-        return act_on_each(chosen, send_one, f"gridpose webhooks deliveries {webhook}")
-
-    return service.run(act)
+        act_on_each(chosen, send_one, f"gridpose webhooks deliveries {webhook}")
 
 
 def _attempted(client: ServiceClient, webhook: str, delivery_id: str) -> dict[str, Any] | None:

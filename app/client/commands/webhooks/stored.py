@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from ... import ServiceClient
 from ..access import AdminAccess, act_on_each
 from ..console import error_console, print_list
 
@@ -31,22 +30,18 @@ def create(
         list[Type] | None,
         typer.Option("--type", help="What to notify it of; repeat it for several.  [default: everything]"),
     ] = None,
-) -> int:
+) -> None:
     """Make a webhook: an address that notices are sent to; prints its secret, this once, as the last line."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         chosen = [one.value for one in types or list(Type)]
         made = client.create("/v1/webhooks", {"name": name, "url": address, "types": chosen})
         error_console().print(f"{made['id']} is made. Its secret, shown this once:")
         print(made["secret"])
 
-    return service.run(act)
 
-
-def show_list(service: AdminAccess) -> int:
+def show_list(service: AdminAccess) -> None:
     """List the webhooks of a service, without their secrets."""
-
-    def act(client: ServiceClient) -> None:
+    with service.connect() as client:
         rows = [
             (one["id"], one["name"], one["url"], ", ".join(one["types"]), str(one["dropped"] or ""))
             for one in client.items("/v1/webhooks")
@@ -54,19 +49,15 @@ def show_list(service: AdminAccess) -> int:
         none = "There is no webhook; `gridpose webhooks create --help` says how to make one."
         print_list(("id", "name", "url", "types", "dropped"), rows, none)
 
-    return service.run(act)
-
 
 def delete(
     webhooks: Annotated[list[str], typer.Argument(help="Ids of webhooks.")], service: AdminAccess
-) -> int:
+) -> None:
     """Delete webhooks with their journals."""
+    with service.connect() as client:
 
-    def act(client: ServiceClient) -> int:
         def delete_one(webhook: str) -> None:
             client.delete(f"/v1/webhooks/{webhook}")
             print(f"{webhook} deleted")
 
-        return act_on_each(webhooks, delete_one, "gridpose webhooks list")
-
-    return service.run(act)
+        act_on_each(webhooks, delete_one, "gridpose webhooks list")
