@@ -30,7 +30,6 @@ from core.errors import NothingUsable, TooFewCycles, TooFewMeasurements
 from core.session import (
     DRIFT_BLOCK,
     FocusGroup,
-    MeasuredPose,
     PoseRow,
     SessionData,
     SessionSteadiness,
@@ -149,11 +148,10 @@ def _chosen_groups(data: SessionData, settings: Mapping[str, str]) -> Sequence[F
 
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """Whoever measured: its rows, and every measurement, those that do not count too."""
+    """Whoever measured, and its rows."""
 
     rows: Sequence[PoseRow]
     steadiness: SessionSteadiness
-    measured: Mapping[str, MeasuredPose]
     frame: str
     how: str
 
@@ -161,19 +159,11 @@ class _Source:
 def _source(data: SessionData, settings: Mapping[str, str]) -> _Source:
     if settings["source"] == "measured_poses":
         read = measured_rows(data)
-        measured = {pose.measurement_id: pose for pose in data.measured}
-        return _Source(
-            read.rows,
-            read.steadiness,
-            measured,
-            "instrument's frame",
-            "another instrument",
-        )
+        return _Source(read.rows, read.steadiness, "instrument's frame", "another instrument")
     estimate = estimate_session(data, settings["estimator"])
     seen = image_rows(data, estimate)
-    poses = {pose.measurement_id: pose for pose in estimate.poses}
     frame = "target frame" if data.camera_mount == "robot" else "camera frame"
-    return _Source(seen.rows, seen.steadiness, poses, frame, _estimated(settings))
+    return _Source(seen.rows, seen.steadiness, frame, _estimated(settings))
 
 
 def _chosen(rows: Sequence[PoseRow], pose_id: str | None) -> Sequence[PoseRow]:
