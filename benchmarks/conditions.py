@@ -10,7 +10,8 @@ from contextlib import contextmanager
 import cv2
 import numpy as np
 
-from core.simulation import Scene, background, illumination, standard_scene, standard_target
+from core.simulation import Scene, background, illumination
+from tests.support.simulation.scenes import standard_scene, standard_target
 
 BOARDS = ((9, 6), (14, 10), (25, 18))
 

@@ -27,8 +27,9 @@ from core.comparison import (
 from core.errors import GridposeError
 from core.geometry import compose, invert, transform
 from core.metrology import PoseCycles, assess_repeatability, position_repeatability
-from core.simulation import Scene, render_levels, standard_scene, standard_target
+from core.simulation import Scene, render_levels
 from core.targets import GridPoints, TargetSpec, charuco_layout, detect
+from tests.support.simulation.scenes import standard_scene, standard_target
 from tests.support.simulation.simulated_views import draw_pose
 from tests.support.targets.board_markers import detect_markers
 

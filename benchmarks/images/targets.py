@@ -21,9 +21,10 @@ from benchmarks.table import Row
 from core import TargetSpec, calibrate_image
 from core.errors import DetectionError, FocalNotObservable
 from core.geometry import Camera
-from core.simulation import Scene, random_pose, render, standard_camera, standard_scene, standard_target
+from core.simulation import Scene, random_pose, render
 from core.targets import charuco_layout, detect, find_by_lattice, marker_codes
 from tests.support.image.mutated_views import mutated_views
+from tests.support.simulation.scenes import standard_camera, standard_scene, standard_target
 
 CHARUCO = (
     TargetSpec("charuco", 9, 6, 33.0, 24.0, "DICT_5X5_100"),
@@ -84,8 +85,7 @@ def _corners(target: TargetSpec, seed: int) -> _Corners:
     try:
         found = detect(image, target)
     except DetectionError:
-        none = np.zeros((0, 2))
-        return _Corners(target, None, None, none, none, 0)
+        return _Corners(target, None, None, np.zeros((0, 2)), np.zeros((0, 2)), 0)
     index = found.row * target.grid_columns + found.column
     ours = np.full((target.size, 2), np.nan)
     ours[index] = found.points_px - scene.points_px[index]

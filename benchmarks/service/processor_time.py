@@ -20,7 +20,8 @@ from benchmarks.service.connection import Route, measurement_route, variant
 from benchmarks.service.reference import ReferenceProcess
 from benchmarks.service.throughput import new_session
 from benchmarks.table import Row
-from core.simulation import render, standard_scene, standard_target
+from core.simulation import render
+from tests.support.simulation.scenes import standard_scene, standard_target
 
 TARGET = standard_target(9, 6)
 IMAGE_BYTES = 25_000

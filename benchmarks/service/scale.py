@@ -21,13 +21,13 @@ from app.records.database import Database
 from app.records.tables import Measurement
 from benchmarks.table import Row
 from core.simulation.renderer import render
-from core.simulation.scenes import standard_scene
 from core.targets.specification import TargetSpec
 from tests.support.environment.machines import Machines, Uploads
 from tests.support.environment.object_store import object_store
 from tests.support.environment.postgres import new_database
 from tests.support.image.images import encode
 from tests.support.jobs.queued_rows import enqueue, make_session
+from tests.support.simulation.scenes import standard_scene
 
 CLIENTS = 8
 SETTINGS = ((1, 1, 1), (1, 2, 1), (1, 4, 1), (2, 2, 1))

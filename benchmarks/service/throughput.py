@@ -25,7 +25,8 @@ from benchmarks.service.connection import Route, measurement_route, variant
 from benchmarks.service.reference import ReferenceProcess
 from benchmarks.table import Row
 from core import TargetSpec, calibrate_image
-from core.simulation import render, standard_scene, standard_target
+from core.simulation import render
+from tests.support.simulation.scenes import standard_scene, standard_target
 
 TARGET = standard_target(14, 10)
 POLL_S = 0.25  # a question costs the head some milliseconds; asked often it would measure itself

@@ -26,11 +26,12 @@ from app.settings import Settings
 from benchmarks.conditions import one_core, seconds
 from benchmarks.rendered_sessions import noisy, scene_of
 from benchmarks.table import Row
-from core.simulation import render_levels, standard_target
+from core.simulation import render_levels
 from tests.support.image.images import encode
 from tests.support.service.originals import original_path
 from tests.support.service.service import Api, wait_until
 from tests.support.sessions.filed_reports import content, store_filed
+from tests.support.simulation.scenes import standard_target
 
 POSES, CYCLES = 5, 30
 MAX_PIXELS = 10**8

@@ -19,8 +19,8 @@ from benchmarks.table import Row
 from core.calibration import calibrate_points, estimate_group
 from core.errors import FocalNotObservable
 from core.geometry import invert, project, so3_exp, so3_log, transform, transform_points
-from core.simulation import standard_camera, standard_target
 from core.targets import GridPoints
+from tests.support.simulation.scenes import standard_camera, standard_target
 
 DISTANCES_MM = (500.0, 750.0, 1000.0, 1500.0, 2000.0)
 NOISE_PX = {"sharp, exact board": 0.01, "photographs of prints": 0.1}

@@ -17,7 +17,7 @@ from core.simulation.forecast import MAX_IMAGES_PER_STOP, Forecast, PlannedSessi
 from core.simulation.looking import sample_viewing_configurations
 from core.simulation.paper_experiment import JOINT_REPEATABILITY_RAD, CubePose, SessionImage, cube_experiment
 from core.simulation.renderer import render, render_levels
-from core.simulation.scenes import Light, Scene, random_pose, standard_camera, standard_scene, standard_target
+from core.simulation.scenes import Light, Scene, random_pose
 
 __all__ = [
     "JOINT_REPEATABILITY_RAD",
@@ -46,8 +46,5 @@ __all__ = [
     "render_levels",
     "sample_viewing_configurations",
     "simulate_arm_session",
-    "standard_camera",
-    "standard_scene",
-    "standard_target",
     "sweep_angles",
 ]

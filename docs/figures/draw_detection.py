@@ -13,8 +13,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from core.simulation import Scene, render, standard_scene, standard_target
+from core.simulation import Scene, render
 from core.targets import Step, detect, trace_detection
+from tests.support.simulation.scenes import standard_scene, standard_target
 
 SHOWN_PX = 1000  # width of the figures
 MAGNIFIED = 2500.0  # how much longer than they are errors are drawn

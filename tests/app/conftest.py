@@ -13,12 +13,12 @@ import pytest
 from app.services.installation.context import ServiceContext
 from app.settings import Settings
 from core.simulation.renderer import render
-from core.simulation.scenes import standard_scene
 from core.targets.specification import TargetSpec
 from tests.support.environment.postgres import EITHER_DATABASE, new_database
 from tests.support.image.images import encode
 from tests.support.service.applications import empty_data_dir, open_api, serve_api, side_processes
 from tests.support.service.service import Api, ApiMaker
+from tests.support.simulation.scenes import standard_scene
 
 __all__ = ["empty_data_dir", "open_api", "serve_api", "side_processes"]  # fixtures
 

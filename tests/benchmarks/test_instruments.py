@@ -21,7 +21,7 @@ from benchmarks.trust.instruments import (
     table_of,
 )
 from core.geometry import project, transform_points
-from core.simulation import standard_camera, standard_target
+from tests.support.simulation.scenes import standard_camera, standard_target
 
 
 @pytest.fixture(scope="module")

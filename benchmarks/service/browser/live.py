@@ -31,7 +31,8 @@ from benchmarks.service.browser.visits import launched, signed_in_cookies
 from benchmarks.service.connection import variant
 from benchmarks.service.throughput import TARGET, await_all, new_session
 from benchmarks.table import Row
-from core.simulation import render, standard_scene
+from core.simulation import render
+from tests.support.simulation.scenes import standard_scene
 
 REFRESH_S = 0.7
 """As `session.js` has it."""

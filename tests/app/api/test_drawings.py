@@ -13,10 +13,10 @@ import pytest
 from app.api.representations import preferred_media_type, stated_media_type
 from app.blobs.thumbnails import thumbnail_path
 from core.simulation.renderer import render
-from core.simulation.scenes import standard_scene
 from core.targets.specification import TargetSpec
 from tests.support.image.images import encode
 from tests.support.service.service import ApiMaker
+from tests.support.simulation.scenes import standard_scene
 
 PNG, WEBP = "image/png", "image/webp"
 

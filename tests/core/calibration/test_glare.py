@@ -7,9 +7,9 @@ import pytest
 
 from core import TargetSpec, calibrate_points
 from core.geometry.se3 import invert
-from core.simulation import standard_scene
 from core.targets import detect
 from tests.support.simulation.renders import render_levels
+from tests.support.simulation.scenes import standard_scene
 
 TARGETS = {
     "chessboard": TargetSpec("chessboard", 14, 10, 21.4),

@@ -11,9 +11,8 @@ import pytest
 from core.errors import InvalidTarget
 from core.geometry.camera import Camera, undistort_points
 from core.geometry.se3 import invert
-from core.simulation import Light, Scene, render
+from core.simulation import Light, Scene, random_pose, render
 from core.simulation.renderer import render_levels
-from core.simulation.scenes import random_pose
 from core.targets.charuco.layout import charuco_layout
 from core.targets.printed_pattern import pattern_of
 from core.targets.specification import TargetSpec

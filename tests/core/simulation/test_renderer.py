@@ -14,10 +14,11 @@ import scipy.stats
 from core.errors import InvalidArgument, InvalidTarget
 from core.geometry.camera import Camera, project, undistort_points
 from core.geometry.se3 import compose, invert, so3_exp, transform, transform_points
-from core.simulation import Light, Scene, render, standard_scene, standard_target
+from core.simulation import Light, Scene, render
 from core.simulation.pattern_coverage import bivariate_excess, normal_share
 from core.simulation.renderer import pixel_means, render_levels
 from core.targets.specification import TargetSpec
+from tests.support.simulation.scenes import standard_scene, standard_target
 
 CAMERA = Camera(300.0, 310.0, 81.3, 58.4, k1=-0.25, k2=0.08, p1=1e-3, p2=-5e-4)
 TARGET = TargetSpec("chessboard", 5, 4, pitch_mm=10.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from core.geometry.se3 import invert
-from core.simulation import standard_scene, standard_target
+from tests.support.simulation.scenes import standard_scene, standard_target
 
 
 @pytest.mark.parametrize("size", [(9, 6), (14, 10), (25, 18)])

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from core.geometry.camera import Camera
-from core.simulation import Light, Scene
-from core.simulation.scenes import random_pose
+from core.simulation import Light, Scene, random_pose
 from core.targets.specification import TargetSpec
 from tests.support.simulation.renders import render
 

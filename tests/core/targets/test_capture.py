@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from core import GridPoints, TargetSpec
-from core.simulation import standard_scene
 from core.targets.image_quality.advice import advise
 from core.targets.image_quality.assessment import assess_capture, with_tilt
 from core.targets.image_quality.edge_kernel import BINS_PER_PX, REACH_PX, average_profiles
 from core.targets.quality_result import CaptureQuality
 from tests.support.simulation.renders import render_levels
+from tests.support.simulation.scenes import standard_scene
 
 TARGETS = {
     "chessboard": TargetSpec("chessboard", 9, 6, 33.0),

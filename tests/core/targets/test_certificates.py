@@ -10,9 +10,9 @@ import pytest
 
 from core.calibration import ShapePrior
 from core.errors import InvalidTarget
-from core.simulation import standard_scene
 from core.targets import Certificate, CertificateUncertainty, TargetSpec, detect, target_of
 from tests.support.simulation.renders import render
+from tests.support.simulation.scenes import standard_scene
 
 BOARD = TargetSpec("chessboard", 5, 4, 10.0)
 PITCHES = Certificate(

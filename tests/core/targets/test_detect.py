@@ -11,10 +11,11 @@ import pytest
 from jaxtyping import TypeCheckError
 
 from core.errors import InvalidArgument, InvalidTarget, OriginUnknown, TargetMismatch, TargetNotFound
-from core.simulation import Scene, standard_scene, standard_target
+from core.simulation import Scene
 from core.simulation.background import background
 from core.targets import GridPoints, TargetSpec, detect
 from tests.support.simulation.renders import render
+from tests.support.simulation.scenes import standard_scene, standard_target
 
 Take = Callable[..., tuple[Scene, np.ndarray]]
 

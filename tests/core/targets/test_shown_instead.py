@@ -12,8 +12,7 @@ import pytest
 from core import calibrate_image
 from core.errors import DetectionError, OriginUnknown, TargetMismatch, TargetNotFound
 from core.geometry.camera import Camera
-from core.simulation import Scene
-from core.simulation.scenes import random_pose
+from core.simulation import Scene, random_pose
 from core.targets.failure_diagnosis import _searched, look_for
 from core.targets.specification import TargetSpec
 from tests.support.simulation.renders import render

@@ -25,10 +25,10 @@ from app.main import create_app
 from app.services.backup import make_backup
 from app.settings import Settings
 from core.simulation.renderer import render_levels
-from core.simulation.scenes import standard_scene
 from core.targets.specification import TargetSpec
 from tests.support.jobs.runners import compute
 from tests.support.service.service import Api
+from tests.support.simulation.scenes import standard_scene
 
 POSES, CYCLES = 2, 3
 BOARD = TargetSpec("chessboard", 9, 6, 25.0)

@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from core.geometry.camera import Camera
-from core.simulation import Light, Scene
-from core.simulation.scenes import random_pose
+from core.simulation import Light, Scene, random_pose
 from core.targets import TargetSpec
 
 CAMERA = Camera(1500.0, 1500.0, 795.0, 603.0, k1=-0.2)

@@ -15,7 +15,7 @@ import pytest
 
 from core import TargetSpec
 from core.simulation import render
-from core.simulation.scenes import standard_scene
+from tests.support.simulation.scenes import standard_scene
 
 PROJECT = Path(__file__).parents[3]
 RUN = """

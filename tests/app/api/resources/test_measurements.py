@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from core.simulation.renderer import render
-from core.simulation.scenes import standard_scene
 from core.targets.specification import TargetSpec
 from tests.support.service.events import read_events
+from tests.support.simulation.scenes import standard_scene
 
 SQUARE = {"position_mm": (3,), "rotation": (3, 3), "covariance": (6, 6), "covariance_given_camera": (6, 6)}
 

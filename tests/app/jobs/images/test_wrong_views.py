@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from core import TargetSpec
-from core.simulation import render, standard_scene
+from core.simulation import render
 from core.targets.specification import KINDS
 from tests.support.image.images import encode
+from tests.support.simulation.scenes import standard_scene
 
 TARGETS = {
     "chessboard": TargetSpec("chessboard", 9, 6, 25.0),

@@ -11,12 +11,12 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli.main import app
-from core.simulation.scenes import standard_scene
 from core.targets.specification import TargetSpec
 from tests.support.image.images import encode
 from tests.support.jobs.runners import compute
 from tests.support.service.service import TARGET, Api, ApiMaker, wait_until
 from tests.support.simulation.renders import render
+from tests.support.simulation.scenes import standard_scene
 
 pytestmark = (
     pytest.mark.slow

@@ -14,8 +14,8 @@ from core.calibration.multi_view.view_stack import stack_views
 from core.geometry.camera import project
 from core.geometry.se3 import transform_points
 from core.metrology import PoseCycles, assess_repeatability
-from core.simulation.scenes import standard_camera
 from core.targets.specification import GridPoints, TargetSpec
+from tests.support.simulation.scenes import standard_camera
 from tests.support.simulation.simulated_views import draw_pose
 
 BOARD = TargetSpec("chessboard", 9, 6, 30.0)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from core.calibration import estimate_group
-from core.simulation import standard_scene, standard_target
 from core.targets import GridPoints, detect
 from tests.support.simulation.renders import render_levels
+from tests.support.simulation.scenes import standard_scene, standard_target
 from tests.support.targets.refined_corners import to_8_bit
 
 _POSES, _CYCLES = 3, 12

@@ -21,8 +21,8 @@ from core.errors import InvalidArgument, TargetShapeNotObservable
 from core.geometry.camera import Camera, project
 from core.geometry.lens_models import lens_model_of
 from core.geometry.se3 import so3_exp, transform_points
-from core.simulation.scenes import standard_camera
 from core.targets.specification import GridPoints, TargetSpec
+from tests.support.simulation.scenes import standard_camera
 from tests.support.simulation.simulated_views import draw_pose
 from tests.support.simulation.wide_lenses import draw_session
 

@@ -22,8 +22,8 @@ from core.calibration.target_shape.rule_readings import RuleReading
 from core.errors import InvalidArgument
 from core.geometry.camera import project
 from core.geometry.se3 import transform_points
-from core.simulation.scenes import standard_camera
 from core.targets.specification import GridPoints, TargetSpec
+from tests.support.simulation.scenes import standard_camera
 from tests.support.simulation.simulated_views import draw_pose
 
 BOARD = TargetSpec("chessboard", 9, 6, 30.0)

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from core.errors import InvalidTarget
-from core.simulation import Scene, standard_scene, standard_target
+from core.simulation import Scene
 from core.targets import TargetSpec, detect
 from core.targets.chessboard.fiducial_dots import dot_scores, marked_squares
 from tests.support.simulation.renders import render
+from tests.support.simulation.scenes import standard_scene, standard_target
 from tests.support.targets.corner_errors import errors
 
 Take = Callable[..., tuple[Scene, np.ndarray]]

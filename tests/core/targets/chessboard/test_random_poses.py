@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from core.errors import TargetMismatch, TargetNotFound
-from core.simulation import Scene, standard_scene, standard_target
+from core.simulation import Scene
 from core.simulation.background import background
 from core.targets import TargetSpec, detect
 from tests.support.simulation.renders import render
+from tests.support.simulation.scenes import standard_scene, standard_target
 from tests.support.targets.corner_errors import LARGEST_ERROR_PX, worst
 
 BOARDS = [(9, 6), (14, 10), (25, 18)]

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from core.errors import TargetMirrored, TargetMismatch, TargetNotFound
-from core.simulation import Light, Scene, standard_scene, standard_target
+from core.simulation import Light, Scene
 from core.targets import GridPoints, TargetSpec, detect
 from tests.support.simulation.renders import render
+from tests.support.simulation.scenes import standard_scene, standard_target
 from tests.support.targets.dot_scenes import ASYMMETRIC, SIZE, SYMMETRIC, errors, scene_of
 
 

@@ -13,8 +13,7 @@ from core.errors import TargetMismatch, TargetNotFound
 from core.geometry import project, transform_points
 from core.geometry.camera import Camera
 from core.pipeline import _assign_points
-from core.simulation import Light, Scene
-from core.simulation.scenes import random_pose
+from core.simulation import Light, Scene, random_pose
 from core.targets import GridPoints, detect
 from core.targets.circles.board_ends import cut_by_border, extends_beyond
 from core.targets.circles.centres import FittedDots

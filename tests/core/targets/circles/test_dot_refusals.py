@@ -11,8 +11,7 @@ import pytest
 from core.errors import TargetMirrored, TargetMismatch, TargetNotFound
 from core.geometry import project, transform_points
 from core.geometry.camera import Camera
-from core.simulation import Scene
-from core.simulation.scenes import random_pose
+from core.simulation import Scene, random_pose
 from core.targets import TargetSpec, detect
 from tests.support.simulation.renders import render
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from core.geometry.camera import Camera
-from core.simulation import Light, Scene
-from core.simulation.scenes import random_pose
+from core.simulation import Light, Scene, random_pose
 from core.targets import TargetSpec, detect
 from core.targets.circles.centres.ellipse_fit import FittedDots
 from core.targets.circles.saturation import unstated_uncertainty

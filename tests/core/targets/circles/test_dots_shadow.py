@@ -9,8 +9,7 @@ import pytest
 
 from core.errors import TargetMismatch
 from core.geometry.camera import Camera
-from core.simulation import Scene
-from core.simulation.scenes import random_pose
+from core.simulation import Scene, random_pose
 from core.targets import TargetSpec, detect
 from core.targets.circles.board_ends import without_stray_lines
 from core.targets.circles.lattice import DotLattice

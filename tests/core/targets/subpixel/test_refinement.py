@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from core.geometry.camera import Camera
-from core.simulation import Light, Scene, standard_scene, standard_target
+from core.simulation import Light, Scene
 from core.targets.subpixel import refinement
 from core.targets.subpixel.refinement import refine_corners
 from tests.support.cramer_rao import corner_bounds
 from tests.support.simulation.renders import render, render_levels
+from tests.support.simulation.scenes import standard_scene, standard_target
 from tests.support.targets.refined_corners import normalised, refine_scene, rms, to_8_bit
 
 Take = Callable[..., tuple[Scene, np.ndarray]]
