@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import cast
 
@@ -15,21 +14,7 @@ from app.client.watch.journal import Entry
 from tests.support.environment.fault_proxy import Fault
 from tests.support.image.images import small_image
 from tests.support.service.instant_service import InstantService
-from tests.support.service.service import Api, ApiMaker
 from tests.support.service.watched import WatchedCell
-
-
-@pytest.fixture(scope="module")
-def api(serve_api: ApiMaker) -> Iterator[Api]:
-    """A service that takes images and computes nothing."""
-    with serve_api() as running:
-        yield running
-
-
-@pytest.fixture
-def cell(api: Api, tmp_path: Path) -> Iterator[WatchedCell]:
-    with WatchedCell.of(api, tmp_path) as made:
-        yield made
 
 
 class FirstPutsFail:

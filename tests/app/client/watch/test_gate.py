@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -13,23 +11,10 @@ from app.client.watch import Report
 from app.client.watch.gate import Gate
 from tests.support.environment.fault_proxy import Fault
 from tests.support.image.images import small_image
-from tests.support.service.service import Api, ApiMaker, wait_until
+from tests.support.service.service import wait_until
 from tests.support.service.watched import WatchedCell
 
 FULL = ClientError("storage_full", "The disk is full.", status=507)
-
-
-@pytest.fixture(scope="module")
-def api(serve_api: ApiMaker) -> Iterator[Api]:
-    """A service that takes images and computes nothing."""
-    with serve_api() as running:
-        yield running
-
-
-@pytest.fixture
-def cell(api: Api, tmp_path: Path) -> Iterator[WatchedCell]:
-    with WatchedCell.of(api, tmp_path) as made:
-        yield made
 
 
 def failing_gate(lines: list[str]) -> Gate:

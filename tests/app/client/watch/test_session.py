@@ -2,31 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from app.client.watch import CannotBegin
 from tests.support.image.images import small_image
-from tests.support.service.service import Api, ApiMaker, wait_until
+from tests.support.service.service import wait_until
 from tests.support.service.watched import WatchedCell
 
 
-@pytest.fixture(scope="module")
-def api(serve_api: ApiMaker) -> Iterator[Api]:
-    """A service that takes images and computes nothing."""
-    with serve_api() as running:
-        yield running
-
-
 @pytest.fixture
-def cell(api: Api, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[WatchedCell]:
+def cell(cell: WatchedCell, request: pytest.FixtureRequest) -> WatchedCell:
     """A cell whose session has the test's name."""
-    with WatchedCell.of(api, tmp_path) as made:
-        made.direct.change(f"/v1/sessions/{made.session_id}", {"name": request.node.name})
-        yield made
+    cell.direct.change(f"/v1/sessions/{cell.session_id}", {"name": request.node.name})
+    return cell
 
 
 def named(cell: WatchedCell, name: str) -> str | None:

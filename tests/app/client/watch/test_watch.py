@@ -21,19 +21,6 @@ from tests.support.service.watched import WatchedCell
 from tests.system.faults.images import BOARD, image
 
 
-@pytest.fixture(scope="module")
-def api(serve_api: ApiMaker) -> Iterator[Api]:
-    """A service that takes images and computes nothing."""
-    with serve_api() as running:
-        yield running
-
-
-@pytest.fixture
-def cell(api: Api, tmp_path: Path) -> Iterator[WatchedCell]:
-    with WatchedCell.of(api, tmp_path) as made:
-        yield made
-
-
 @pytest.mark.slow
 def test_each_image_is_stored_once_whatever_fails_on_the_way(cell: WatchedCell) -> None:
     cell.proxy.plan = at_random(seed=17, share=0.3)
