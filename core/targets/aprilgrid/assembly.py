@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
@@ -79,10 +80,20 @@ class TagGrid:
                 self.completed.update(tags[is_there].tolist())
 
     def check_tag_edge(self, shape: tuple[int, ...]) -> None:
-        """Raise TargetMismatch where tags, by the corners found in the image, are wider or narrower than stated."""
-        linked = {tag: corners for tag, corners in self.tags.items() if tag not in self.completed}
-        if len(linked) >= MIN_TAGS:
-            check_tag_edge(self.layout, *TagGrid(self.layout, linked).grid_points(shape))
+        """Raise TargetMismatch where tags, by the corners found in the image, are wider or narrower than stated.
+
+        Looked at are those that adjoin one another: what a lens does between tags that stand apart is taken for width.
+        """
+        linked = np.array([tag for tag in self.tags if tag not in self.completed], dtype=np.intp)
+        if len(linked) < MIN_TAGS:
+            return
+        column, row = self.layout.tag_places[linked].T
+        is_linked = np.zeros((row.max() + 1, column.max() + 1), np.uint8)
+        is_linked[row, column] = 1
+        group = cv2.connectedComponents(is_linked, connectivity=8)[1][row, column]
+        adjoining = linked[group == np.bincount(group).argmax()].tolist()
+        points = TagGrid(self.layout, {tag: self.tags[tag] for tag in adjoining}).grid_points(shape)
+        check_tag_edge(self.layout, *points)
 
     @property
     def is_verified(self) -> bool:

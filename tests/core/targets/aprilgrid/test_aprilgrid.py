@@ -14,6 +14,7 @@ from core import calibrate_image
 from core.errors import TargetMirrored, TargetMismatch, TargetNotFound
 from core.simulation import Light
 from core.targets import detect
+from core.targets.aprilgrid.assembly import TagGrid
 from core.targets.aprilgrid.layout import aprilgrid_layout
 from core.targets.aprilgrid.tag_edge import estimate_tag_edge
 from core.targets.specification import TargetSpec
@@ -156,6 +157,20 @@ def test_few_tags_do_not_determine_their_edge() -> None:
     column, row = (a.ravel() for a in np.meshgrid(np.arange(4), np.arange(2)))
     points = tilted_scene(GRID).points_px[row * 10 + column]
     assert estimate_tag_edge(layout, column, row, points).standard_uncertainty_mm == math.inf
+
+
+@pytest.mark.parametrize("turn", [-1.5, -0.5, 1.4])
+def test_a_tag_far_from_the_others_does_not_make_the_lens_s_distortion_a_width(turn: float) -> None:
+    """Where papers hide the rest: three tags next to one another and one five rows below, as the lens shows them."""
+    target = TargetSpec("aprilgrid", 6, 7, 30.0, 25.0)
+    layout = aprilgrid_layout(target)
+    points = tilted_scene(target, tilt_deg=40.0, turn=turn).points_px.reshape(14, 12, 2)
+    corners = {
+        tag: points[[2 * y, 2 * y, 2 * y + 1, 2 * y + 1], [2 * x, 2 * x + 1, 2 * x + 1, 2 * x]]
+        for tag, (x, y) in enumerate(layout.tag_places.tolist())
+        if (x, y) in [(0, 0), (1, 0), (2, 0), (5, 5)]
+    }
+    TagGrid(layout, corners).check_tag_edge((5_000, 5_000))  # raises where they look wider than stated
 
 
 @pytest.mark.parametrize("width_px", [8.0, 10.0, 12.0])
