@@ -22,7 +22,7 @@ _MAX_RATIO = 4.0  # of two neighbours' contrasts
 _MIN_EDGE = 0.25  # of the lesser contrast: what is left of it along the edge
 EDGE_SIDE_OFFSET = 0.15  # of an edge's length: where its two sides are sampled
 _LOOKS = 5  # places along an edge
-_MAX_VISITED = 80  # corners nearer than the neighbour that do not belong to the board
+_MAX_VISITED = 80  # corners no fainter, nearer than the neighbour, that do not belong to the board
 _PER_CELL = 0.5
 
 
@@ -143,7 +143,8 @@ def neighbours(
                         continue
                     for index in range(starts[r * across + c], starts[r * across + c + 1]):
                         q = order[index]
-                        if q == p:
+                        # fainter ones are not counted: noise and texture have hundreds of them to a square
+                        if q == p or contrast[q] * _MAX_RATIO < contrast[p]:
                             continue
                         visited += 1
                         dx, dy = points[q, 0] - x, points[q, 1] - y
@@ -165,9 +166,9 @@ def neighbours(
                                 back, straight = m, along
                         if back < 0:
                             continue
-                        weaker = min(contrast[p], contrast[q])
-                        if weaker * _MAX_RATIO < max(contrast[p], contrast[q]):
+                        if contrast[p] * _MAX_RATIO < contrast[q]:
                             continue
+                        weaker = min(contrast[p], contrast[q])
                         # along the edge bright must stay on its side, for even rays that of growing angles
                         # looked at along the other edge, so as to stay in the two squares at any tilt
                         nx, ny = rays[p, (out + 1) % 4, 0], rays[p, (out + 1) % 4, 1]

@@ -13,7 +13,7 @@ from core.targets.lattice.growing import grow_lattice
 from core.targets.lattice.lattice import bent_points
 from core.targets.lattice.pyramid import Level
 from core.targets.lattice.saddle_points import find_saddles
-from tests.support.targets.drawn_boards import PITCH, board
+from tests.support.targets.drawn_boards import PITCH, board, drawn_board
 
 
 def test_a_lens_makes_no_kinks_and_a_mistake_does() -> None:
@@ -45,6 +45,17 @@ def test_links_make_one_patch_in_order(turn: int) -> None:
     found, *_ = np.linalg.lstsq(A, saddles.points.astype(np.float64), rcond=None)
     np.testing.assert_allclose(A @ found, saddles.points, atol=0.1)
     assert np.linalg.det(found[:2]) > 0.0
+
+
+def test_faint_texture_between_large_squares_does_not_hide_their_corners() -> None:
+    """Wood, paper and JPEG have a hundred faint saddles nearer to a corner than the next one: none is its neighbour."""
+    image = drawn_board(6, 4, 60)
+    fleck = np.kron(np.array([[8, 0], [0, 8]], np.uint8), np.ones((4, 4), np.uint8))
+    image += np.tile(np.pad(fleck, 1), (78, 90))
+    saddles = find_saddles(Level(image, 0))
+    assert np.median(saddles.contrast) * 10.0 < saddles.contrast.max()
+    assert len(saddles) * np.pi * 60.0**2 / image.size > 100.0
+    assert link(saddles).sizes[0] == 24
 
 
 def test_colours_of_places_are_right() -> None:
