@@ -41,6 +41,7 @@ from core.targets.circles.refusals import (
     SeenGrid,
     mirrored_board,
     not_found,
+    outermost_hidden,
     seen_directly,
     seen_grid,
 )
@@ -216,8 +217,10 @@ def _grid_points(
         odd[larger] = False
     trusted &= ~odd
     index = match.row * target.columns + match.column
-    if trusted.sum() < enough or not (is_part or is_whole(index[trusted], target)):
+    if trusted.sum() < enough:
         raise _too_poor(target, int(trusted.sum()))
+    if not (is_part or is_whole(index[trusted], target)):
+        raise outermost_hidden(target)
     if is_part and not is_resolved:
         raise OriginUnknown(
             f"Part of a grid of {target.columns} x {target.rows} dots is in view, and no larger dot at its origin "

@@ -76,6 +76,15 @@ def seen_directly(points: GridPoints, mirrored: Sequence[MirroredBoard]) -> Grid
     return points
 
 
+def outermost_hidden(target: TargetSpec) -> TargetNotFound:
+    """Return the error for a board with enough dots to measure, but not on each of its outermost lines."""
+    return TargetNotFound(
+        f"A grid of {target.columns} x {target.rows} dots is in view, but too many dots of its outermost lines are "
+        "hidden or not clear.",
+        "Bring the outermost lines of dots into view, sharp, and free of reflections and of anything in front of them.",
+    )
+
+
 def not_found(seen: Sequence[SeenGrid], target: TargetSpec) -> DetectionError:
     """Return the error for an image without the board; it states what was found instead."""
     asked = f"{target.columns} x {target.rows}"
@@ -86,10 +95,7 @@ def not_found(seen: Sequence[SeenGrid], target: TargetSpec) -> DetectionError:
     grid, size = max(named, key=lambda one: one[0].lines[0] * one[0].lines[1])
     shown = " or ".join(f"{columns} x {rows}" for columns, rows in size)
     if grid.lines == tuple(sorted(lines(target), reverse=True)) and _is_size(size, target):
-        return TargetNotFound(
-            f"A grid of {asked} dots is in view, but too many dots of its outermost lines are hidden or not clear.",
-            "Bring the outermost lines of dots into view, free of reflections and of anything in front of them.",
-        )
+        return outermost_hidden(target)
     most = lines(target)
     if grid.lines[0] > max(most) or grid.lines[1] > min(most):
         return TargetMismatch(

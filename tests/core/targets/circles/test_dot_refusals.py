@@ -84,3 +84,16 @@ def test_a_grid_with_a_hidden_line_is_not_said_to_be_smaller_than_itself() -> No
     with pytest.raises(TargetNotFound) as refused:
         detect(image, DOTS)
     assert "Only" not in refused.value.detail
+
+
+@pytest.mark.parametrize("target", [DOTS, STAGGERED], ids=["circles", "asymmetric"])
+def test_a_white_thread_along_the_last_line_is_not_said_to_spoil_the_whole_board(target: TargetSpec) -> None:
+    """Nine in ten dots can be measured, but hardly one of that line."""
+    scene, image = taken(target, 4)
+    last = scene.points_px.reshape(target.rows, target.columns, 2)[-1]
+    across = (last[1] - last[0]) / np.linalg.norm(last[1] - last[0])
+    ends = np.rint([last[0] - 60.0 * across, last[-1] + 60.0 * across]).astype(int).tolist()
+    cv2.line(image, ends[0], ends[1], 200, 4)
+    with pytest.raises(TargetNotFound, match="dots of its outermost lines are hidden") as refused:
+        detect(image, target)
+    assert "in front of them" in str(refused.value.advice)
