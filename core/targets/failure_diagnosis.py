@@ -30,6 +30,10 @@ _ACROSS = np.linspace(0.2, 0.8, 9)
 """Of a square: clear of its edges, over markers of half the square and more."""
 _PRINTED = 0.2
 """Share of a bright square that is dark. With a marker of half its side the marker's border alone makes .24."""
+_ENDS = np.array([0, 1, -2, -1])  # of `_ACROSS`: taken both ways, what is near a square's corners
+_SPOT = 0.2
+"""Of the contrast, by which a bright square's middle is darker than its corners where its marker is out of focus: a
+marker of half its side by .3 and more. Of a plain square that is blurred the corners are darker."""
 _MAJORITY = 0.7  # of the bright squares
 _MIN_SQUARES, _MIN_CORNERS = 4, 12
 _MIN_OF_PLAIN = 20  # corners: within a marker or between two a few may look like a board's
@@ -39,6 +43,11 @@ _MAX_SADDLES = 10_000  # a board of 50 x 50 corners with markers in it has as ma
 _MAX_SQUARES = 400  # looked at for markers
 _INVERTED_ADVICE = (
     "Print the board black on white; if it is, its grey values were inverted on the way: undo that."
+)
+_OTHER_ADVICE = "Show the target that the image was sent for, or send it for the one that it shows."
+_FOCUS_ADVICE = (
+    "If this is that board, its markers are too blurred to be seen: focus, or move the camera nearer. If not, show it, "
+    "or send the image for the target that it shows."
 )
 _USUAL = TargetSpec("charuco", 3, 3, 4.0, 3.0, "DICT_4X4_50")
 """For the margin between squares and markers, by which corners are linked: other markers may be larger or smaller."""
@@ -64,7 +73,7 @@ def _shown_instead(image: np.ndarray, target: TargetSpec) -> TargetMismatch | No
     image = _searched(image)
     if target.kind == "aprilgrid" and _shows_inverted(image, target):
         return TargetMismatch("An AprilGrid is in view, white on black.", _INVERTED_ADVICE)
-    seen: list[tuple[int, str, bool]] = []  # corners, name, whether white on black
+    seen: list[tuple[int, str, str]] = []  # corners, name, advice
     for level in levels(image):
         for lattice in lattices_of(image, level, charuco_layout(_USUAL)):
             count = int(lattice.known.sum())
@@ -72,10 +81,10 @@ def _shown_instead(image: np.ndarray, target: TargetSpec) -> TargetMismatch | No
                 continue
             named = f"A ChArUco board of at least {_size(lattice)} inner corners"
             if _has_markers(image, lattice):
-                seen.append((count, named, False))
+                seen.append((count, named, _OTHER_ADVICE))
             elif _has_markers(image, lattice, inverted=True):
-                seen.append((count, f"{named}, white on black,", True))
-    if target.kind == "charuco" and not all(is_inverted for *_, is_inverted in seen):
+                seen.append((count, f"{named}, white on black,", _INVERTED_ADVICE))
+    if target.kind == "charuco" and any(advice == _OTHER_ADVICE for *_, advice in seen):
         return None  # its markers explain the failure
     if target.kind != "chessboard":
         for board in boards_in_view(image):
@@ -84,15 +93,16 @@ def _shown_instead(image: np.ndarray, target: TargetSpec) -> TargetMismatch | No
                 _has_markers(image, board.lattice, inverted=inverted) for inverted in (False, True)
             )
             if is_plain and board.is_whole and board.is_resolved:
-                seen.append((count, f"A chessboard of {_size(board.lattice)} inner corners", False))
+                size = _size(board.lattice)
+                is_same_size = target.kind == "charuco" and size == _size_of(target.columns, target.rows)
+                advice = _FOCUS_ADVICE if is_same_size else _OTHER_ADVICE
+                seen.append((count, f"A chessboard of {size} inner corners", advice))
     if not seen:
         return None
-    _, shown, is_inverted = max(seen)
+    _, shown, advice = max(seen)
     return TargetMismatch(
         f"{shown} is in view; {_ASKED[target.kind]} of {target.columns} x {target.rows} was asked for.",
-        _INVERTED_ADVICE
-        if is_inverted
-        else "Show the target that the image was sent for, or send it for the one that it shows.",
+        advice,
     )
 
 
@@ -123,8 +133,12 @@ def _searched(image: np.ndarray) -> np.ndarray:
 
 
 def _size(lattice: Lattice) -> str:
-    long, short = sorted(lattice.gap.shape, reverse=True)
-    return f"{long} x {short}"
+    return _size_of(*lattice.gap.shape)
+
+
+def _size_of(columns: int, rows: int) -> str:
+    """Return a board's size as it is seen, whichever way up."""
+    return f"{max(columns, rows)} x {min(columns, rows)}"
 
 
 def _has_markers(image: np.ndarray, lattice: Lattice, *, inverted: bool = False) -> bool:
@@ -150,6 +164,9 @@ def _has_markers(image: np.ndarray, lattice: Lattice, *, inverted: bool = False)
     bright, dark = greys[is_bright & is_convex], greys[~is_bright & is_convex]
     if len(bright) < _MIN_SQUARES or len(dark) == 0:
         return False
-    half_way = 0.5 * (np.median(dark) + np.quantile(bright, 0.9, axis=1))
-    share = np.mean(bright < half_way[:, None], axis=1)
-    return bool(np.mean(share > _PRINTED) > _MAJORITY)
+    white, black = np.quantile(bright, 0.9, axis=1), np.median(dark)
+    share = np.mean(bright < 0.5 * (black + white)[:, None], axis=1)
+    squares = bright.reshape(-1, len(_ACROSS), len(_ACROSS))
+    corners, middles = squares[:, _ENDS][:, :, _ENDS], squares[:, 2:-2, 2:-2]
+    spot = corners.mean(axis=(1, 2)) - middles.mean(axis=(1, 2))
+    return bool(np.mean((share > _PRINTED) | (spot > _SPOT * (white - black))) > _MAJORITY)

@@ -213,8 +213,8 @@ def _not_found(lattices: tuple[PlacedLattice, ...], target: TargetSpec) -> Detec
     if agreeing > 1:
         return TargetNotFound(
             f"{agreeing} of the ChArUco board's markers were found where they belong: too few, or all in one row.",
-            "Bring more of the board into view, free of reflections and of anything in front of it; if all of it is, "
-            "check its marker_mm and dictionary.",
+            "Bring more of the board into view, sharp, free of reflections and of anything in front of it; if all of "
+            "it is, check its marker_mm and dictionary.",
         )
     framed = max((lattice.framed for lattice in lattices), default=0)
     if framed >= _BOARD_LIKE:

@@ -97,6 +97,30 @@ def test_an_aprilgrid_white_on_black_is_named_as_such(seed: int) -> None:
         look_for(255 - image_of(CIRCLES, seed), APRILGRID)
 
 
+@pytest.mark.parametrize(("seed", "blur_px"), [(1, 4.0), (2, 5.0), (2, 6.0), (3, 3.0), (3, 5.0)])
+def test_a_charuco_board_out_of_focus_is_not_taken_for_a_chessboard(seed: int, blur_px: float) -> None:
+    """Its markers are grey spots then, which nobody reads and everybody sees."""
+    blurred = cv2.GaussianBlur(image_of(SMALL_MARKERS, seed), (0, 0), blur_px)
+    with pytest.raises(TargetNotFound) as caught:
+        look_for(blurred, SMALL_MARKERS)
+    assert "sharp" in str(caught.value.advice)
+    with pytest.raises(TargetMismatch, match="A ChArUco board of at least 9 x 6"):
+        look_for(blurred, CIRCLES)
+    with pytest.raises(TargetMismatch, match="A chessboard of 9 x 6"):
+        look_for(cv2.GaussianBlur(image_of(CHESSBOARD, seed), (0, 0), blur_px), SMALL_MARKERS)
+
+
+def test_where_no_marker_is_left_to_be_seen_focus_is_advised() -> None:
+    """Markers of three quarters of a square leave no white around them then."""
+    blurred = cv2.GaussianBlur(image_of(CHARUCO, 3), (0, 0), 4.0)
+    with pytest.raises(TargetMismatch, match="A chessboard of 9 x 6") as caught:
+        look_for(blurred, CHARUCO)
+    assert "focus" in str(caught.value.advice)
+    with pytest.raises(TargetMismatch) as caught:
+        look_for(blurred, CIRCLES)
+    assert "focus" not in str(caught.value.advice)
+
+
 @pytest.mark.parametrize("marker_mm", [17.8, 18.0, 19.0])
 def test_where_hardly_a_marker_is_read_as_its_size_is_wrong_the_size_is_named(marker_mm: float) -> None:
     """With 17.8 mm in place of 15 two markers are read, with more none."""
