@@ -29,6 +29,9 @@ from core.targets.markers import (
     places_in_squares,
 )
 
+_MIN_READ = 0.2
+"""Share of a lattice's frames that read as markers of the dictionary, for these to say that the board is another one.
+Out of focus, or of another dictionary, a few read as some marker by chance; of a sharp board nearly all do."""
 _RIVALS = 2  # markers that agree on another place: another board's
 _MAX_PATCHES = 12  # of a level, the largest
 _PLAIN = 0.9  # of the margin between a square's edges and its marker
@@ -134,7 +137,8 @@ def locate_on_board(
     against = is_inconsistent(votes.conflicting, len(votes.markers)) or votes.runner_up >= _RIVALS
     if is_close:  # where few are read, one misread marker among them says nothing of the board
         against &= votes.conflicting > len(votes.markers)
-    verdict: Verdict = "contradicted" if against and read >= codes.least_agreeing else "unread"
+    enough = max(codes.least_agreeing, _MIN_READ * len(readings.codes))
+    verdict: Verdict = "contradicted" if against and read >= enough else "unread"
     placed = _placed(verdict, image, lattice, readings, votes, layout)
     return (
         replace(placed, square_px=lattice.square_px, small_print=printed) if verdict == "unread" else placed

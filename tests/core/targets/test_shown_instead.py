@@ -110,6 +110,14 @@ def test_a_charuco_board_out_of_focus_is_not_taken_for_a_chessboard(seed: int, b
         look_for(cv2.GaussianBlur(image_of(CHESSBOARD, seed), (0, 0), blur_px), SMALL_MARKERS)
 
 
+@pytest.mark.parametrize(("seed", "blur_px"), [(1, 3.0), (4, 2.0), (5, 3.0), (7, 5.0)])
+def test_a_few_markers_read_by_chance_do_not_make_the_board_another_one(seed: int, blur_px: float) -> None:
+    """Three of 35 frames read as a marker of 4 x 4 cells, in no order."""
+    with pytest.raises(TargetNotFound, match="hardly any of") as caught:
+        look_for(cv2.GaussianBlur(image_of(SMALL_MARKERS, seed), (0, 0), blur_px), SMALL_MARKERS)
+    assert "sharp" in str(caught.value.advice)
+
+
 def test_where_no_marker_is_left_to_be_seen_focus_is_advised() -> None:
     """Markers of three quarters of a square leave no white around them then."""
     blurred = cv2.GaussianBlur(image_of(CHARUCO, 3), (0, 0), 4.0)
