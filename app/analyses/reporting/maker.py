@@ -61,8 +61,12 @@ class ReportMaker:
         self.begin_stop()
         self._loop.stop()
 
-    def _requeue(self) -> None:
-        """Queue again what nobody is making any more: with SQLite this is the only service, others may take longer."""
+    def _requeue(self) -> int:
+        """Queue again what nobody is making any more, and return how many: what a process that ended was making, and
+        what this one could neither store nor put back, as on a full disk.
+
+        With SQLite this is the only service, and makes nothing when it asks; others may take longer.
+        """
         before = None
         if not self._installation.database.is_sqlite:
             longest_s = self._installation.settings.analysis_timeout_s + START_WITHIN_S
@@ -71,16 +75,16 @@ class ReportMaker:
             again = reports.requeue_interrupted(records, before=before)
         if again:
             log.info("reports_queued_again", reports=again)
+        return again
 
     def _step(self) -> bool:
         """Make a report, or look after the others; return whether there is more to do at once."""
         if self._make_next():
             return True
+        again = self._requeue()
         # Of reports that were made before summaries were, or restored: some at a time.
         some = summarise_reports(self._installation.database)
-        if not self._installation.database.is_sqlite:
-            self._requeue()
-        return some > 0
+        return again + some > 0
 
     def _make_next(self) -> bool:
         """Make the report that waits longest; return whether there was one, so that others may follow."""
