@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import socket
 from types import FrameType
@@ -15,6 +16,8 @@ from app.settings import Settings
 
 _MAX_REQUEST_SHUTDOWN_S = 8
 """Time for open requests after SIGTERM; with the workers' own time the shutdown stays below 25 s."""
+_MAX_PARTING_S = 1
+"""Time for requests whose connection was closed then; what does not end by itself is cancelled."""
 
 
 class HttpServer(uvicorn.Server):
@@ -38,7 +41,7 @@ class HttpServer(uvicorn.Server):
                 server_header=False,
                 ws="none",
                 lifespan="on",
-                timeout_graceful_shutdown=_MAX_REQUEST_SHUTDOWN_S,
+                timeout_graceful_shutdown=_MAX_REQUEST_SHUTDOWN_S + _MAX_PARTING_S,
             )
         )
         self.gave_up = False
@@ -60,7 +63,14 @@ class HttpServer(uvicorn.Server):
         """Report the shutdown to the supervisor, let the application begin it, then shut down."""
         self._supervisor.stopping()
         self._app.state.begin_shutdown()
+        parting = asyncio.get_running_loop().call_later(_MAX_REQUEST_SHUTDOWN_S, self._leave_clients)
         await super().shutdown(sockets)
+        parting.cancel()
+
+    def _leave_clients(self) -> None:
+        """Close the connections that are still open: their requests end as when a client goes, which is no failure."""
+        for connection in list(self.server_state.connections):
+            connection.transport.abort()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Note a signal; the event loop shuts down at its next tick. A second Ctrl-C waits for nothing any more.

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from app.cli.server import http_server
+from app.cli.server.connections import Connection
 from app.cli.server.http_server import HttpServer
 from app.cli.server.serve import listen
 from app.cli.server.worker import StopRequested
@@ -96,3 +98,26 @@ def test_a_server_notes_a_signal_without_a_lock_and_shuts_down_in_its_loop(empty
     assert not running.is_alive()
     assert service.stopping
     assert not server.force_exit
+
+
+def test_clients_that_do_not_read_are_left_at_the_end_without_a_failure(
+    empty_data_dir: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(http_server, "_MAX_REQUEST_SHUTDOWN_S", 0.3)
+    settings = Settings(data_dir=empty_data_dir, workers=0, disk_floor_bytes=0, port=0)
+    server, listener = HttpServer(settings), listen(settings)
+    serving = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+    serving.start()
+    with socket.socket() as client:
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+        client.connect(listener.getsockname())
+        client.sendall(b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n" * 40)
+        wait_until(lambda: any(one.flow.write_paused for one in _connections(server)), 30, "an answer waits")
+        server.should_exit = True
+        serving.join(20)
+    assert not serving.is_alive()
+    assert [record.message for record in caplog.records if record.levelname == "ERROR"] == []
+
+
+def _connections(server: HttpServer) -> list[Connection]:
+    return [one for one in server.server_state.connections if isinstance(one, Connection)]
