@@ -62,7 +62,7 @@ def absolute_poses(
     the scale of a print is one error of all groups.
     """
     known = {**estimate.shapes, **(priors or {})}
-    each = [_marginal(data, group, known) for group in estimate.groups]
+    each = [_marginal(group, known) for group in estimate.groups]
     sources = [_sources(group, marginal) for group, marginal in zip(estimate.groups, each, strict=True)]
     widths = [sum(source != PRINT_SCALE for source in of_group) for of_group in sources]
     scales = max((len(of_group) - width for of_group, width in zip(sources, widths, strict=True)), default=0)
@@ -158,7 +158,7 @@ def with_print_uncertainty(data: SessionData, estimate: SessionEstimate) -> Sess
     what the departures found do and of what they leave open. With other estimators than the pooled one the estimate
     stays as it is. A camera that is weakly determined only with the print's part is warned of.
     """
-    groups = tuple(_with_print(group, _marginal(data, group, estimate.shapes)) for group in estimate.groups)
+    groups = tuple(_with_print(group, _marginal(group, estimate.shapes)) for group in estimate.groups)
     weak = [
         focal_weakly_observable(
             f"What the print may depart by in shape leaves the camera of focus group {after.name!r} with",
@@ -207,14 +207,18 @@ def _camera_covariance(group: FocusGroup, marginal: MarginalPoses | None) -> Flo
     return camera
 
 
-def _marginal(data: SessionData, group: FocusGroup, priors: Mapping[int, ShapePrior]) -> MarginalPoses | None:
+def _marginal(group: FocusGroup, priors: Mapping[int, ShapePrior]) -> MarginalPoses | None:
     fit = group.estimate.fit
     if fit is None:
         return None
-    places = [data.targets.index(target) for target in fit.views.targets]
+    # Two prints of one description are two prints: what is known of them goes by their places in the session.
+    places = {k: pose.frame for k, pose in zip(fit.views.target.tolist(), group.poses, strict=True)}
     return marginalise_shape(
         fit,
-        [priors.get(p, ShapePrior.of(t)) for p, t in zip(places, fit.views.targets, strict=True)],
+        [
+            priors[places[k]] if places.get(k) in priors else ShapePrior.of(target)
+            for k, target in enumerate(fit.views.targets)
+        ],
     )
 
 

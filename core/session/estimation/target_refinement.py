@@ -137,7 +137,7 @@ def _again(data: SessionData, old: FocusGroup, shape: TargetShape, target: int, 
     """
     if all(pose.frame != target for pose in old.poses):
         return old
-    views = _on_shape(old.views, shape, data, target)
+    views = _on_shape(old, shape, target)
     estimate = estimate_group(
         views,
         old.estimate.estimator,
@@ -160,11 +160,19 @@ def _again(data: SessionData, old: FocusGroup, shape: TargetShape, target: int, 
     )
 
 
-def _on_shape(views: ViewStack, shape: TargetShape, data: SessionData, target: int) -> ViewStack:
-    """Return the views with the target's points where its shape has them."""
+def _on_shape(old: FocusGroup, shape: TargetShape, target: int) -> ViewStack:
+    """Return the group's views with the target's points where its shape has them; another print of the same
+    description keeps its own.
+    """
+    views = old.views
     each = [views.view(k) for k in range(len(views))]
-    spec = data.targets[target]
-    return stack_views([shape.applied(view) if view.target == spec else view for view in each])
+    stack = stack_views(
+        [
+            shape.applied(view) if pose.frame == target else view
+            for view, pose in zip(each, old.poses, strict=True)
+        ]
+    )
+    return replace(stack, targets=views.targets, target=views.target)
 
 
 def target_transforms(data: SessionData, estimate: SessionEstimate) -> list[TargetTransform]:

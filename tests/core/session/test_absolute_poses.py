@@ -12,7 +12,7 @@ import pytest
 from benchmarks.trust import board_shape
 from benchmarks.trust.bowed_sessions import DEPARTURES, Departure, Setup, simulate
 from core.calibration import ShapePrior
-from core.session import assess_repeatability, estimate_session
+from core.session import assess_repeatability, estimate_session, group_views
 from core.session.absolute_poses import SHAPE_DOMINATES, absolute_poses, with_print_uncertainty
 from core.targets import PRINT_KINDS, ShapeUncertainty
 
@@ -179,3 +179,36 @@ def test_distances_and_positions_are_covered(monkeypatch: pytest.MonkeyPatch) ->
     # All seven together count as 168: a standard error of 1.7 %, and four of them.
     for what, errors in of_all.items():
         assert np.mean(np.abs(errors) < 1.96) > 0.883, what
+
+
+def test_what_is_known_of_one_print_is_not_known_of_another_of_the_same_description() -> None:
+    data, _ = simulate(np.random.default_rng(6), QUICK, PERFECT)
+    images = tuple(
+        dataclasses.replace(image, target=int(image.pose_id in ("P4", "P5"))) for image in data.images
+    )
+    (group,) = data.views
+    points = {i: group.views.view(k) for k, i in enumerate(group.images.tolist())}
+    data = dataclasses.replace(
+        data,
+        targets=2 * data.targets,
+        target_ids=("a", "b"),
+        images=images,
+        views=group_views(images, points),
+    )
+    estimate = estimate_session(data)
+    exact = ShapePrior(ShapeUncertainty(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), None)
+
+    def of_print(known: dict[int, ShapePrior], print_: int) -> float:
+        absolute = absolute_poses(data, estimate, known).poses
+        return math.fsum(
+            float(np.trace(absolute[p.measurement_id].covariance[:3, :3]))  # type: ignore[index]
+            for p in estimate.poses
+            if p.frame == print_
+        )
+
+    # The camera is common, so that a print that is known is of some use before the other one, too.
+    for known in (0, 1):
+        other = 1 - known
+        both = {0: exact, 1: exact}
+        assert of_print(both, other) < 0.9 * of_print({known: exact}, other)
+        assert of_print({known: exact}, known) < 0.9 * of_print({}, known)

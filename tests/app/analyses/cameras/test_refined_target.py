@@ -185,3 +185,18 @@ def test_two_targets_and_two_focus_groups(api: Any, store: Store) -> None:
     assert all(g["reduced_chi2"] < 1.4 for g in document["groups"])
     codes = {w["code"] for w in document["warnings"]}
     assert {"only_one_target_refined", "target_shape_uncertainty_ignored"} <= codes
+
+
+def test_the_shape_of_a_print_is_not_that_of_another_print_of_the_same_board(api: Any, store: Store) -> None:
+    session = new_session(api, BOARD, BOARD)
+    flat_id, bent_id = api.client.get(f"/v1/sessions/{session}").json()["target_ids"]
+    store(api, session, session_of(4, BOARD.points_target(), count=10), flat_id)
+    others = session_of(5, bent(BOARD, 0.25), count=16)
+    store(api, session, [dataclasses.replace(s, pose_id=f"Q{i}") for i, s in enumerate(others)], bent_id)
+    document = body(get(api, session, refine_target="true"))
+    assert document["target_shape"]["target_id"] == bent_id
+    (group,) = document["groups"]
+    assert group["image_count"] == 26
+    assert group["reduced_chi2"] < 1.4
+    off = group["intrinsics"]["fx_px"] - CAMERA.fx_px
+    assert abs(off) < 4.0 * group["standard_uncertainty"]["fx_px"] < 1.0
