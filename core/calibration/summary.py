@@ -180,10 +180,15 @@ def calibration_of(
     if summary.other is not None and summary.pose_is_ambiguous:
         warnings.append(pose_ambiguous(summary.other.ratio))
     if len(indices) == len(POSE):
+        unexplained = any(one.code in ("residuals_exceed_noise", "residuals_correlated") for one in warnings)
         warnings.append(
             Advisory(
                 "intrinsics_without_uncertainty",
                 "The session's intrinsics were used as given; the pose's uncertainty does not contain theirs.",
+                "The residuals may be theirs: compare them with those that the session's images give "
+                "(estimator=pooled). They hold for one setting of the lens and one size of images."
+                if unexplained
+                else None,
             )
         )
     else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
@@ -27,6 +26,7 @@ from core.session.estimate import (
     exclusion_warnings,
     in_order,
 )
+from core.session.estimation.agreement import disagreement
 from core.session.estimation.board_symmetry import LabelledGroup, label_poses, label_repeats
 from core.session.estimation.lens_model import check_asked, estimate_with_lens, lens_warnings, of_one_width
 from core.session.estimation.other_setting import with_setting_warning
@@ -35,9 +35,6 @@ from core.session.model import CameraViews, ImageObservation, MeasuredPose, Sess
 
 MAX_POINTS = 4_000_000
 """Grid points of one analysis, which takes some 450 bytes for each."""
-WORST = 5
-MIN_DISAGREEMENT = 1.5
-"""Above this a common camera is called into question, if chance does not explain it."""
 _UNCLEAR = (
     "The image shows another orientation than the first of its pose, however the symmetric board is labelled."
 )
@@ -87,7 +84,7 @@ def estimate_session(
         raise _nothing(data, excluded, failures)
     labelling = label_poses(data, labelled)
     groups = of_one_width(tuple(_focus_group(data, group) for group in labelling.groups))
-    disagreements = {group.name: _disagreement(group) for group in groups}
+    disagreements = {group.name: disagreement(group) for group in groups}
     warnings += [
         warning
         for group in groups
@@ -244,32 +241,6 @@ def _nothing(
     if len({failure.code for failure in failures}) == 1 and 2 * reasons[failures[0].code] >= len(data.images):
         return failures[0]
     return refusal_of_all(len(data.images), reasons)
-
-
-def worst_poses(group: FocusGroup) -> list[MeasuredPose]:
-    """Return the poses whose images have the largest residuals."""
-    return sorted(group.poses, key=lambda pose: -(pose.rms_px or 0.0))[:WORST]
-
-
-def _disagreement(group: FocusGroup) -> Advisory | None:
-    """Warn where one camera does not explain the images better than chance would have it."""
-    value = group.estimate.disagreement
-    # Of χ² with about eight degrees of freedom an image, four standard deviations.
-    chance = 1.0 + 4.0 * math.sqrt(2.0 / (8.0 * len(group.poses)))
-    if value is None or value <= max(MIN_DISAGREEMENT, chance):
-        return None
-    worst = ", ".join(pose.measurement_id for pose in worst_poses(group))
-    what = "given intrinsics" if group.estimate.estimator == "given" else "set of intrinsics"
-    return Advisory(
-        "intrinsics_vary_between_images",
-        f"One {what} does not explain the images of focus group {group.name!r}: cameras of their own would fit them "
-        f"better by {value:.1f} times what chance allows; uncertainties of camera and absolute poses are scaled up by "
-        f"{group.estimate.inflation:.1f}. Repeatability is judged pose by pose: what all images of a pose share does "
-        f"not scatter. Worst: {worst}.",
-        "Check that all images are of one camera and none is turned, that focus and zoom stayed as they were, and that "
-        "the print is flat, as long and as wide as stated; give each camera and setting a focus_group of its own, or "
-        "use estimator=pooled_free_focal where the lens refocuses.",
-    )
 
 
 def _poses_where(group: FocusGroup, found: Bool[np.ndarray, " k"]) -> set[str]:

@@ -135,6 +135,17 @@ def test_given_intrinsics_leave_only_the_pose() -> None:
     assert 0.75 < math.sqrt(np.mean(np.square(z))) < 1.25
 
 
+def test_given_intrinsics_are_called_into_question_where_the_image_contradicts_them() -> None:
+    view = draw_view(np.random.default_rng(5), tilt_deg=30.0)
+    for factor in (1.0, 1.02):
+        stated = dataclasses.replace(
+            view.camera, fx_px=factor * view.camera.fx_px, fy_px=factor * view.camera.fy_px
+        )
+        found = calibrate_points(view.points, intrinsics=stated)
+        (warning,) = (w for w in found.warnings if w.code == "intrinsics_without_uncertainty")
+        assert (warning.advice is not None) == (factor != 1.0)
+
+
 def test_the_covariance_given_camera_is_the_smaller() -> None:
     found = calibrate_points(draw_view(np.random.default_rng(5)).points)
     difference = found.pose.covariance - found.pose.covariance_given_camera

@@ -95,6 +95,8 @@ def test_given_intrinsics_are_reported_as_given(api: Any, store: Store) -> None:
     assert api.client.patch(f"/v1/sessions/{session}", json={"intrinsics": wrong}).status_code == 200
     (warning,) = body(get(api, session, estimator="given"))["warnings"]
     assert warning["code"] == "intrinsics_vary_between_images"
+    assert warning["detail"].startswith("The session's intrinsics do not explain")
+    assert "estimator=pooled," in warning["advice"]
 
 
 def test_the_order_of_uploads_never_matters(api: Any, store: Store) -> None:
