@@ -15,13 +15,17 @@ from core.session.model import MeasuredPose, SessionData
 
 MIN_OTHER_SETTING = 3
 """Images of a focus group that do not fit its camera, from which on they may be of another setting of the lens."""
+TURNED_ADVICE = "Upload turned images as the sensor gave them: the camera's frame turns with them."
 _LOOK_ADVICE = "Look at their failures and overlays, and upload better ones of these poses if need be."
 _OTHER_SETTING_ADVICE = (
     "Look at their failures and overlays. Sound images that did not converge may be of another setting of the lens "
     "(focus, zoom) or another camera: give these a focus_group of their own. Upload better ones of the others "
-    "if need be."
+    "if need be. " + TURNED_ADVICE
 )
-_SIZES_ADVICE = "Give each camera setting a focus_group of its own: they count in a camera of their own size."
+_SIZES_ADVICE = (
+    "Give each camera setting a focus_group of its own: they count in a camera of their own size. "
+    + TURNED_ADVICE
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from core.calibration import GroupEstimate, ViewStack, estimate_group
 from core.errors import Advisory, GridposeError, NotConverged, listed
-from core.session.estimate import MIN_OTHER_SETTING
+from core.session.estimate import MIN_OTHER_SETTING, TURNED_ADVICE
 from core.session.model import ImageObservation, SessionData
 
 ESTIMATORS = ("pooled", "pooled_free_focal")
@@ -28,7 +28,7 @@ def with_setting_warning(
     data: SessionData,
 ) -> GroupEstimate:
     """Return the estimate, with the warning `camera_settings_mixed` where three or more images that do not fit its
-    camera fit one of their own: they were taken with another setting of the lens, or another camera.
+    camera fit one of their own: they were taken with another setting of the lens or another camera, or were turned.
     """
     unlike = [i for i, failure in estimate.failures if isinstance(failure, NotConverged)]
     if estimate.estimator not in ESTIMATORS or len(unlike) < MIN_OTHER_SETTING:
@@ -50,7 +50,8 @@ def with_setting_warning(
         "camera_settings_mixed",
         f"{agreeing} images of focus group {name!r} do not fit its camera, and agree on one of their own (f = "
         f"{focals[0]:.0f} px in place of {focals[1]:.0f} px): {which}.",
-        "They were taken with another setting of the lens (focus, zoom) or another camera. Give them a focus_group of "
-        "their own (PATCH /v1/measurements/{measurement_id}, or at the session's images): they then count.",
+        "They were taken with another setting of the lens (focus, zoom), by another camera, or were turned before the "
+        f"upload. {TURNED_ADVICE} Give the others a focus_group of their own (PATCH "
+        "/v1/measurements/{measurement_id}, or at the session's images): they then count.",
     )
     return replace(estimate, warnings=(*estimate.warnings, mixed))

@@ -20,6 +20,7 @@ from core.errors import (
 )
 from core.geometry import LensModel
 from core.session.estimate import (
+    TURNED_ADVICE,
     ExcludedMeasurement,
     FocusGroup,
     SessionEstimate,
@@ -204,7 +205,7 @@ def _of_one_size(
             "image_size_differs",
             f"The images of focus group {name!r} have several sizes: {found}. Those of {width} x {height} px "
             "are used.",
-            "Give each camera setting a focus_group of its own.",
+            f"Give each camera setting a focus_group of its own. {TURNED_ADVICE}",
         )
     )
     return most

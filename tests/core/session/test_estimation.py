@@ -14,6 +14,7 @@ from core.errors import IntrinsicsMissing, TooFewMeasurements, TooManyMeasuremen
 from core.geometry.camera import Camera, project
 from core.geometry.se3 import invert, transform_points
 from core.session import ImageObservation, SessionData, estimate_session, group_views, natural
+from core.session.estimate import TURNED_ADVICE
 from core.targets.specification import GridPoints, TargetSpec
 from tests.support.simulation.simulated_views import draw_pose
 
@@ -44,11 +45,12 @@ def session(
             0,
             "default",
             None,
-            *SIZE,
+            view.image_width_px,
+            view.image_height_px,
             labelling=labelling,
         )
         for pose_id, of_pose in views.items()
-        for cycle in range(1, len(of_pose) + 1)
+        for cycle, view in enumerate(of_pose, 1)
     ]
     points = dict(enumerate(view for of_pose in views.values() for view in of_pose))
     return SessionData((board,), ("board",), tuple(images), group_views(images, points))
@@ -165,6 +167,23 @@ def test_images_of_another_setting_of_the_lens_are_named(zoomed: bool) -> None:
     found = estimate_session(session(BOARD, views))
     assert len(found.excluded) == (6 if zoomed else 0)
     assert ("camera_settings_mixed" in {w.code for w in found.warnings}) == zoomed
+
+
+@pytest.mark.parametrize("code", ["camera_settings_mixed", "image_size_differs"])
+def test_turned_images_are_to_be_uploaded_as_they_were(code: str) -> None:
+    """In a focus group of their own the robot would seem to turn by as much as the images."""
+    _, views = drawn(33, BOARD, 6, 3)
+    width, height = SIZE if code == "camera_settings_mixed" else SIZE[::-1]
+    for of_pose in views.values():
+        u, v = of_pose[2].points_px.T
+        turned = np.column_stack([SIZE[1] - 1 - v, u])
+        of_pose[2] = dataclasses.replace(
+            of_pose[2], image_width_px=width, image_height_px=height, points_px=turned
+        )
+    data = session(BOARD, views)
+    warned = {w.code: w.advice or "" for w in estimate_session(data).warnings}
+    for found in (code, "images_excluded"):
+        assert TURNED_ADVICE in warned[found]
 
 
 def test_spoilt_images_are_of_no_other_setting_of_the_lens() -> None:

@@ -24,8 +24,8 @@ def session(images: int) -> SessionData:
         (("undecodable_image", "undecodable_image"), {"Look"}),
         (("excluded_by_user",), set()),
         (("excluded_by_user", "undecodable_image"), {"Look"}),
-        (("image_size_differs",), {"Give"}),
-        (("image_size_differs", "target_not_found", "excluded_by_user"), {"Give", "Look"}),
+        (("image_size_differs",), {"Give", "Upload"}),
+        (("image_size_differs", "target_not_found", "excluded_by_user"), {"Give", "Look", "Upload"}),
     ],
 )
 def test_images_are_counted_and_advice_is_of_those_that_can_be_mended(
