@@ -180,15 +180,18 @@ def _with_print(group: FocusGroup, marginal: MarginalPoses | None) -> FocusGroup
     before, place = group.estimate, marginal.place
     moved = np.concatenate([marginal.moved_mm, marginal.turned], axis=1)[:, :, None]
     of_shape = marginal.common[:, :, [source == PRINT_SHAPE for source in marginal.sources]]
-    added = np.concatenate([of_shape, moved, np.zeros_like(moved)], axis=2)[place]
+    added = np.concatenate([of_shape, moved], axis=2)[place]
     of_scale = marginal.common[:, :3, [source == PRINT_SCALE for source in marginal.sources]][place]
-    # Of the scale what the print's aspect says in addition to what is stated.
-    further = np.sum(of_scale**2, axis=(1, 2)) - np.sum(before.common[:, :3, -1] ** 2, axis=1)
+    # Of the scale what the print's aspect says in addition to what is stated: one error of each print, the last.
+    stated = np.sum(before.common[:, :3, -1] ** 2, axis=1)
+    further = np.maximum(np.sum(of_scale**2, axis=(1, 2)) - stated, 0.0)
     lengths = np.maximum(np.linalg.norm(before.positions_mm, axis=1), 1e-12)
-    added[:, :3, -1] = before.positions_mm * (np.sqrt(np.maximum(further, 0.0)) / lengths)[:, None]
+    scale = np.zeros_like(before.common[:, :, -1:])
+    scale[:, :3, 0] = before.positions_mm * (np.sqrt(stated + further) / lengths)[:, None]
     camera = _camera_covariance(group, marginal)
-    covariance = before.covariance + added @ np.swapaxes(added, 1, 2)
-    common = np.concatenate([before.common, added], axis=2)
+    common = np.concatenate([before.common[:, :, :-1], added, scale], axis=2)
+    grown = common @ np.swapaxes(common, 1, 2) - before.common @ np.swapaxes(before.common, 1, 2)
+    covariance = before.covariance + grown
     poses = tuple(
         replace(pose, covariance=covariance[k], common=common[k]) for k, pose in enumerate(group.poses)
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -186,9 +186,7 @@ def target_transforms(data: SessionData, estimate: SessionEstimate) -> list[Targ
         pairs = [(both[first], both[second]) for both in shown.values() if first in both and second in both]
         if pairs:
             mean = transform_mean(np.array([_relative(a, b) for a, b in pairs]))
-            # The lens's part of the uncertainty is common to all images, so that more of them do not lessen it.
-            covariance = np.mean([_relative_covariance(a, b) for a, b in pairs], axis=0)
-            found.append(TargetTransform(first, second, mean, covariance, len(pairs)))
+            found.append(TargetTransform(first, second, mean, _relative_covariance(pairs), len(pairs)))
     return found
 
 
@@ -198,17 +196,42 @@ def _relative(a: MeasuredPose, b: MeasuredPose) -> Float[np.ndarray, "4 4"]:
     return transform(rotation, a.position_mm - rotation @ b.position_mm)
 
 
-def _relative_covariance(a: MeasuredPose, b: MeasuredPose) -> Float[np.ndarray, "6 6"]:
-    """Propagate both poses' covariances: w = w_a - R w_b, d = d_a - R d_b + [R p_b]× w, with R = R_a R_bᵀ."""
+def _relative_covariance(pairs: Sequence[tuple[MeasuredPose, MeasuredPose]]) -> Float[np.ndarray, "6 6"]:
+    """Propagate covariances of the poses of both targets in each image to the mean transform.
+
+    What an image has of its own is averaged over the poses: images of one pose may have the same departure. Errors of
+    the lens and of the prints' shape are common to all images of a focus group, and move both poses of an image
+    together; those of two prints' scale are independent.
+    """
+    own = np.zeros((6, 6))
+    shared: dict[str, list[Float[np.ndarray, "6 e"]]] = {}
+    for a, b in pairs:
+        assert a.image is not None  # poses of images have one, and errors that they share
+        assert a.common is not None
+        assert b.common is not None
+        J = _relative_effects(a, b)
+        both = np.zeros((12, 12))
+        both[:6, :6], both[6:, 6:] = a.own_covariance(), b.own_covariance()
+        own += J @ both @ J.T
+        none = np.zeros((6, 1))
+        errors = [[a.common, none], [b.common[:, :-1], none, b.common[:, -1:]]]
+        shared.setdefault(a.image.focus_group, []).append(J @ np.block(errors))
+    found = own / len(pairs) / len({a.pose_id for a, _ in pairs})
+    for of_group in shared.values():
+        mean = np.mean(of_group, axis=0)
+        found += len(of_group) / len(pairs) * mean @ mean.T
+    return np.asarray(0.5 * (found + found.T))
+
+
+def _relative_effects(a: MeasuredPose, b: MeasuredPose) -> Float[np.ndarray, "6 12"]:
+    """Return what small motions of both poses do: w = w_a - R w_b, d = d_a - R d_b + [R p_b]× w, with R = R_a R_bᵀ."""
     rotation = _relative_rotation(a, b)
     arm = hat(rotation @ b.position_mm)
     J = np.zeros((6, 12))
     J[:3, :3] = J[3:, 3:6] = np.eye(3)
     J[:3, 6:9] = J[3:, 9:] = -rotation
     J[:3, 3:6], J[:3, 9:] = arm, -arm @ rotation
-    both = np.zeros((12, 12))
-    both[:6, :6], both[6:, 6:] = a.covariance, b.covariance
-    return np.asarray(J @ both @ J.T)
+    return J
 
 
 def _relative_rotation(a: MeasuredPose, b: MeasuredPose) -> Float[np.ndarray, "3 3"]:
