@@ -68,12 +68,13 @@ def serve(
     server = HttpServer(settings)
     if not is_loopback(settings.host):
         log.warning("plain_http", host=settings.host)
+    # From before the address is printed, which is when others may ask for the end: the server heeds what was noted
+    # before it runs. uvicorn raises the signal that ended it once more when all is done, for the handlers that stood
+    # before its own: with these, an orderly end is exit code 0.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, server.handle_exit)
     with stdout_may_fail():
         _announce(settings, listener, key_file)
-    # uvicorn raises the signal that ended it once more when all is done, for the handlers that stood before its
-    # own: with these, an orderly end is exit code 0.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)
     server.run(sockets=[listener])
     return 0 if server.started and not server.gave_up else 1
 

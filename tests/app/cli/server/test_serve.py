@@ -69,6 +69,27 @@ def test_a_full_disk_under_stdout_does_not_end_the_start() -> None:
     assert "served" in ended.stderr
 
 
+@pytest.mark.slow
+def test_a_signal_between_the_printed_address_and_the_server_s_loop_ends_the_service(tmp_path: Path) -> None:
+    program = (
+        "import os, signal, uvicorn\n"
+        "run = uvicorn.Server.run\n"
+        "def signalled(self, sockets):\n"
+        "    os.kill(os.getpid(), signal.SIGTERM)\n"
+        "    run(self, sockets)\n"
+        "uvicorn.Server.run = signalled\n"
+        "from app.cli.server.serve import serve\n"
+        "raise SystemExit(serve(port=0))\n"
+    )
+    environment = {**os.environ, "GRIDPOSE_DATA_DIR": str(tmp_path / "data"), "GRIDPOSE_WORKERS": "0"}
+    environment["GRIDPOSE_DISK_FLOOR_BYTES"] = "0"
+    ended = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, timeout=90, check=False
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert b"  service " in ended.stdout
+
+
 def test_a_worker_is_stopped_by_a_signal_that_takes_no_lock() -> None:
     stop = StopRequested()
     assert not stop
