@@ -40,6 +40,8 @@ from app.services.installation.context import ServiceContext
 from app.services.originals import remove_unreferenced
 
 _FOLDER, _LOCK = "restoring-session-", "restoring.lock"
+_FOLDERS_LOCK = "migrate.lock"
+"""The data folder's own, which only changes of the schema hold otherwise."""
 _MARGIN = 2.0
 """The rows' bytes are there as lines, and twice in the database that is migrated."""
 
@@ -85,19 +87,25 @@ def restore_session(installation: ServiceContext, path: Path, *, trusted: str | 
 @contextmanager
 def _staging(data_dir: Path) -> Iterator[Path]:
     """Give a folder for what is not examined yet, and remove those that restores left which were killed."""
-    for left in data_dir.glob(f"{_FOLDER}*"):
-        lock = FileLock(left / _LOCK)
-        with suppress(AlreadyLocked, FileNotFoundError):  # in use, or gone meanwhile
-            lock.acquire()
-            lock.release()
-            shutil.rmtree(left, ignore_errors=True)
     folder = data_dir / f"{_FOLDER}{secrets.token_hex(8)}"
-    folder.mkdir(mode=0o700)
     lock = FileLock(folder / _LOCK)
-    try:
+    # A folder whose lock is not taken yet looks like one that was left.
+    with FileLock(data_dir / _FOLDERS_LOCK):
+        for left in data_dir.glob(f"{_FOLDER}*"):
+            _remove_left(left)
+        folder.mkdir(mode=0o700)
         lock.acquire()
+    try:
         yield folder
     finally:
+        lock.release()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _remove_left(folder: Path) -> None:
+    lock = FileLock(folder / _LOCK)
+    with suppress(AlreadyLocked, FileNotFoundError):  # in use, or gone meanwhile
+        lock.acquire()
         lock.release()
         shutil.rmtree(folder, ignore_errors=True)
 
