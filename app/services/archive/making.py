@@ -18,7 +18,7 @@ import sqlalchemy as sa
 
 from app.blobs.durable import sync_folder
 from app.build import core_version
-from app.errors import ArchiveRefused, NotFound
+from app.errors import ArchiveRefused, NotFound, OriginalMissing
 from app.records.ids import is_id
 from app.records.migrations import head_revision
 from app.records.tables import Installation, Measurement, Report, ReportForm, Session, Table
@@ -213,8 +213,16 @@ class _Archive:
             self._files.append((ArchivedFile(name, size, sha256), partial(self._original, sha256, size)))
 
     def _original(self, sha256: str, size: int) -> Iterator[bytes]:
-        with self._installation.blobs.open(sha256, size) as original:
-            yield from _pieces(original)
+        try:
+            with self._installation.blobs.open(sha256, size) as original:
+                yield from _pieces(original)
+        except OriginalMissing as error:
+            with self._installation.database.read() as records:
+                if (
+                    records.get(Session, self._session_id) is None
+                ):  # deleted meanwhile, and its images with it
+                    raise NotFound.of("session") from error
+            raise
 
     def _find_reports(self, connection: sa.Connection) -> None:
         """Note the reports' forms and signatures, which never change: they are read when they are written."""

@@ -1,4 +1,4 @@
-"""Several restores at once, in one data folder."""
+"""Archives that are made and restored while others change the same installation."""
 
 from __future__ import annotations
 
@@ -8,13 +8,32 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from app.errors import ArchiveRefused
+from app.errors import ArchiveRefused, NotFound
 from app.records.file_lock import FileLock
-from app.services.archive import restore_session
+from app.services.archive import archive_session, making, restore_session
+from app.services.archive.container import ArchiveWriter
 from app.services.installation.context import ServiceContext
+from app.services.sessions import delete_session
+
+
+def test_a_session_that_is_deleted_while_it_is_archived_is_said_to_be_gone(
+    archive: Path, session_id: str, other: ServiceContext, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    restore_session(other, archive)
+
+    def deleted_first(*given: Any) -> ArchiveWriter:
+        delete_session(other.database, other.blobs, session_id)
+        return ArchiveWriter(*given)
+
+    monkeypatch.setattr(making, "ArchiveWriter", deleted_first)
+    with pytest.raises(NotFound) as caught:
+        archive_session(other, session_id, tmp_path / "late.tar.gz")
+    assert caught.value.code == "session_not_found"
+    assert not list(tmp_path.glob("*late*"))
 
 
 def test_restores_that_begin_at_once_leave_each_other_their_folders(
