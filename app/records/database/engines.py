@@ -28,6 +28,10 @@ NOTICE_LOSS = {
 """libpq's options that detect a vanished server within half a minute. Without them the system goes on sending for a
 quarter of an hour, and waits for an answer without limit. Options in the database's address take precedence.
 """
+MAX_IDLE_WAL_BYTES = 16 * 1024 * 1024
+"""What the write-ahead log keeps of the disk once its content is in the database, several times what it usually takes.
+While something reads for long, as a backup does, it grows with every change, and would stay as large as it ever was.
+"""
 _SQLITE_TEXT = partial(str, encoding="utf-8", errors="replace")
 
 
@@ -108,6 +112,7 @@ def sqlite_engine(
         # KiB a connection. The system keeps the file's pages, too; a larger cache fills as the database grows, so that
         # the memory of a service seems to grow with its uploads.
         cursor.execute("PRAGMA cache_size=-4096")
+        cursor.execute(f"PRAGMA journal_size_limit={MAX_IDLE_WAL_BYTES}")
         cursor.close()
 
     @sa.event.listens_for(engine, "begin")
