@@ -218,9 +218,8 @@ class _Archive:
                 yield from _pieces(original)
         except OriginalMissing as error:
             with self._installation.database.read() as records:
-                if (
-                    records.get(Session, self._session_id) is None
-                ):  # deleted meanwhile, and its images with it
+                # Deleted meanwhile, and its images with it?
+                if records.get(Session, self._session_id) is None:
                     raise NotFound.of("session") from error
             raise
 
