@@ -115,8 +115,9 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Measured]:
 
 def plain_image(size: int) -> bytes:
     """Return a BMP of about `size` bytes."""
-    rows = size // 1024
-    data = bmp(8, 0, bytes(1024 * rows), 1024, rows, GREY_PALETTE)
+    width = 4096  # so that no side is too long to be taken
+    rows = size // width
+    data = bmp(8, 0, bytes(width * rows), width, rows, GREY_PALETTE)
     return data + secrets.token_bytes(8)  # new to the service each time
 
 
