@@ -36,12 +36,10 @@ CHESSBOARD = standard_target(14, 10)
 DOT_TILT, DOT_K1 = math.radians(45.0), -0.2
 SUBPIX_WINDOW = (5, 5)  # half the gap between tags, where they are smallest
 SUBPIX_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
-WRONG_PX, MUTATED_VIEWS = 1.0, 10_000
-ASTRAY_PX = {"circles": 0.5, "asymmetric_circles": 0.5, "charuco": 1.0, "aprilgrid": 1.0}
-"""Of points of mutated views, whose squares are drawn in whole samples: corners are up to .3 px off the truth there."""
+WRONG_PX, MUTATED_VIEWS, _CHUNK = 1.0, 10_000, 50  # views of one seed
+ASTRAY_PX = {"circles": 0.5, "asymmetric_circles": 0.5, "charuco": 1.0, "aprilgrid": 1.0}  # drawn to .3 px
 MUTATED_KINDS = ("charuco", "aprilgrid", "circles", "asymmetric_circles")  # share the views equally
 WRONG_NAMES = "points accepted under a wrong name"
-_CHUNK = 50  # views of one seed
 
 
 def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
