@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -235,20 +235,12 @@ def group_views(
     for i in sorted(points):
         places.setdefault((images[i].focus_group, images[i].width_px, images[i].height_px), []).append(i)
     return tuple(
-        CameraViews(name, np.array(members), _by_print(images, points, members))
+        CameraViews(
+            name,
+            np.array(members),
+            stack_views([points[i] for i in members], [images[i].target for i in members]),
+        )
         for (name, _, _), members in places.items()
-    )
-
-
-def _by_print(
-    images: Sequence[ImageObservation], points: Mapping[int, GridPoints], members: Sequence[int]
-) -> ViewStack:
-    """Return images end to end; those of two targets of one description are of two prints."""
-    shown = {images[i].target: points[i].target for i in members}
-    place = {target: k for k, target in enumerate(shown)}
-    stack = stack_views([points[i] for i in members])
-    return replace(
-        stack, targets=tuple(shown.values()), target=np.array([place[images[i].target] for i in members])
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +22,6 @@ from core.errors import Advisory, JointAnglesInconsistent, NominalRobotMissing, 
 from core.geometry import camera_from_array, invert, project_any, transform_points
 from core.session import (
     FocusGroup,
-    NextRobotViews,
     SessionData,
     SessionEstimate,
     common_fit,
@@ -34,20 +33,6 @@ from core.session import (
     with_nominal_orientations,
 )
 from core.targets import TargetSpec
-
-_RobotViews = Callable[
-    [
-        SessionData,
-        SessionEstimate,
-        FocusGroup,
-        int,
-        int,
-        Float[np.ndarray, "n j"] | None,
-        Float[np.ndarray, "2 j"] | None,
-    ],
-    NextRobotViews,
-]
-_ROBOT_VIEWS: Mapping[str, _RobotViews] = {"hand_eye": suggest_hand_eye_views, "dh": suggest_dh_views}
 
 MAX_LISTED = 10
 
@@ -86,7 +71,8 @@ def next_view_findings(data: SessionData, settings: Mapping[str, str]) -> Findin
         views = _camera_views(data, estimate, group, target, count, stated)
     else:
         limits = None if data.nominal is None else np.radians(limits_of(settings))
-        robot = _ROBOT_VIEWS[purpose](data, estimate, group, target, count, stated, limits)
+        suggest = suggest_hand_eye_views if purpose == "hand_eye" else suggest_dh_views
+        robot = suggest(data, estimate, group, target, count, stated, limits)
         left = [
             _uncertainty(length_rms_mm=position, angle_rms_deg=math.degrees(angle))
             for position, angle in zip(robot.position_mm, robot.angle, strict=True)

@@ -132,8 +132,10 @@ class ViewStack:
         )
 
 
-def stack_views(views: Sequence[GridPoints]) -> ViewStack:
+def stack_views(views: Sequence[GridPoints], prints: Sequence[int] | None = None) -> ViewStack:
     """Put views of one image size end to end.
+
+    `prints` says which print each view shows; without it, views of one description show one print.
 
     Raises InvalidArgument for no views and for mixed image sizes.
     """
@@ -144,12 +146,12 @@ def stack_views(views: Sequence[GridPoints]) -> ViewStack:
             "The images of one focus group have different sizes.",
             "Give every camera setting a focus group of its own.",
         )
-    targets: dict[TargetSpec, int] = {}
+    of_views = number_labels([v.target for v in views] if prints is None else prints)
+    targets: dict[int, TargetSpec] = {}
     places: dict[tuple[int, bytes, bytes], Float[np.ndarray, "n 3"]] = {}
-    of_views, located = [], []
-    for v in views:
-        target = targets.setdefault(v.target, len(targets))
-        of_views.append(target)
+    located = []
+    for target, v in zip(of_views.tolist(), views, strict=True):
+        targets.setdefault(target, v.target)
         if v.measured_points_target is not None:
             located.append(v.measured_points_target)
             continue
@@ -160,8 +162,8 @@ def stack_views(views: Sequence[GridPoints]) -> ViewStack:
     return ViewStack(
         views[0].image_width_px,
         views[0].image_height_px,
-        tuple(targets),
-        np.array(of_views),
+        tuple(targets.values()),
+        of_views,
         np.concatenate([[0], np.cumsum([len(v) for v in views])]),
         np.concatenate([v.column for v in views]),
         np.concatenate([v.row for v in views]),

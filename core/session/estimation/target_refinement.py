@@ -164,15 +164,12 @@ def _on_shape(old: FocusGroup, shape: TargetShape, target: int) -> ViewStack:
     """Return the group's views with the target's points where its shape has them; another print of the same
     description keeps its own.
     """
-    views = old.views
-    each = [views.view(k) for k in range(len(views))]
-    stack = stack_views(
-        [
-            shape.applied(view) if pose.frame == target else view
-            for view, pose in zip(each, old.poses, strict=True)
-        ]
+    prints = [pose.frame for pose in old.poses]
+    views = [old.views.view(k) for k in range(len(prints))]
+    return stack_views(
+        [shape.applied(view) if shown == target else view for view, shown in zip(views, prints, strict=True)],
+        prints,
     )
-    return replace(stack, targets=views.targets, target=views.target)
 
 
 def target_transforms(data: SessionData, estimate: SessionEstimate) -> list[TargetTransform]:
