@@ -177,12 +177,15 @@ class TargetSpec:
     ) -> Float[np.ndarray, "n 3"]:
         if column is None or row is None:
             row, column = self.rows_and_columns()
+        places = np.zeros((len(row), 3))
         if self.kind == "aprilgrid":
             tag_mm = self.marker_mm or 0.0
-            x, y = ((n // 2) * self.pitch_mm + (n % 2) * tag_mm for n in (column, row))
-            return np.stack([x, y, np.zeros(len(x))], axis=1)
+            for axis, n in enumerate((column, row)):
+                places[:, axis] = (n // 2) * self.pitch_mm + (n % 2) * tag_mm
+            return places
         x = 2 * column + row % 2 if self.kind == "asymmetric_circles" else column
-        return np.stack([x, row, np.zeros(len(row))], axis=1).astype(np.float64) * self.pitch_mm
+        places[:, 0], places[:, 1] = x * self.pitch_mm, row * self.pitch_mm
+        return places
 
 
 def missing_points_warning(count: int, size: int, reason: str) -> Advisory:

@@ -124,8 +124,11 @@ def pose_contrasts(
     modes = _cosine_modes(views.column[first], views.row[first])
     # Q ⊥ J, after J's columns are made orthonormal.
     span = np.linalg.qr((J / np.linalg.norm(J, axis=(1, 2))[:, None, None]).reshape(len(J), -1).T)[0]
-    left, singular, _ = np.linalg.svd(modes - span @ (span.T @ modes), full_matrices=False)
-    Q = left[:, singular > MIN_SINGULAR_VALUE]
+    # Eigenvectors, in half of the time of singular ones: none of those kept is near the rounding of their squares.
+    modes = modes - span @ (span.T @ modes)
+    squares, turns = np.linalg.eigh(modes.T @ modes)
+    kept = squares > MIN_SINGULAR_VALUE**2
+    Q = modes @ (turns[:, kept] / np.sqrt(squares[kept]))
     if Q.shape[1] < MIN_CONTRASTS:
         return None
     changes = np.tensordot(camera_changes(placements.parameters[i]), whole[: placements.free], axes=1)

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from scipy.special import chdtrc, chdtri, ndtri
 
 from core.calibration.multi_view.repeats.contrasts import PoseContrasts
-from core.calibration.multi_view.repeats.noise_model import fit_noise_model, model_covariance
+from core.calibration.multi_view.repeats.noise_model import fit_noise_model, model_covariance, squared_sizes
 from core.calibration.multi_view.view_stack import ViewStack
 
 QUIETER = 0.85
@@ -49,7 +49,7 @@ def image_p_values(views: ViewStack, poses: list[PoseContrasts]) -> Float[np.nda
         off_mean = pose.values - pose.values[kept].mean(axis=0)
         # An image varies less about a mean that it is part of than about one of others.
         variance = 1.0 + np.where(kept, -1.0, 1.0) / len(quiet.images)
-        squares = np.sum(off_mean.T * np.linalg.solve(V, off_mean.T), axis=0) / variance
+        squares = squared_sizes(V, off_mean) / variance
         d = float(pose.values.shape[1])
         result[pose.images, 1] = chdtrc(d, squares / np.median(squares) * chdtri(d, 0.5))
     return result

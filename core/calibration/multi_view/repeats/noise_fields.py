@@ -22,8 +22,9 @@ from scipy.spatial.distance import cdist
 from core.jit import jit
 
 SQUARED_EXPONENTIALS = (1.0, 2.0, 4.0)
-"""Lengths l in squares of the grid as the image shows it."""
+"""Lengths l in squares of the grid as the image shows it, each twice the one before: `smooth_mixture` relies on it."""
 MATERNS = (2.0, 8.0)
+"""Each four times the one before."""
 WAVELENGTHS = (*(0.1 * 1.2**k for k in range(14)), 1.5, 2.2, 4.0)
 """In image heights. A coarser grid would take one wave for a mixture of its neighbours, of which some move the pose."""
 _SMOOTH = len(SQUARED_EXPONENTIALS) + len(MATERNS)
@@ -117,11 +118,17 @@ def smooth_mixture(
             u, v = points_px[i, 0] - points_px[j, 0], points_px[i, 1] - points_px[j, 1]
             square = (u * u + v * v) / (spacing * spacing)
             total = 0.0
-            for k, length in enumerate(SQUARED_EXPONENTIALS):
-                total += sizes[k] * np.exp(-0.5 * square / (length * length))
-            for k, length in enumerate(MATERNS):
-                scaled = np.sqrt(3.0 * square) / length
-                total += sizes[len(SQUARED_EXPONENTIALS) + k] * (1.0 + scaled) * np.exp(-scaled)
+            # Exponentials are most of the time: one of each kind, the longest; the shorter ones are its powers.
+            power = np.exp(-0.5 * square / (SQUARED_EXPONENTIALS[-1] * SQUARED_EXPONENTIALS[-1]))
+            for k in range(len(SQUARED_EXPONENTIALS) - 1, -1, -1):
+                total += sizes[k] * power
+                power = (power * power) * (power * power)
+            scaled = np.sqrt(3.0 * square) / MATERNS[-1]
+            power = np.exp(-scaled)
+            for k in range(len(MATERNS) - 1, -1, -1):
+                total += sizes[len(SQUARED_EXPONENTIALS) + k] * (1.0 + scaled) * power
+                scaled *= 4.0
+                power = (power * power) * (power * power)
             lower[i - begin, j] = total
         lower[i - begin, i] = 0.5 * sizes.sum()
     return lower

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.linalg.lapack import dtrtrs
 
 from core.calibration.multi_view.linearisation import Linearised
 from core.calibration.multi_view.repeats.contrasts import (
@@ -197,14 +198,22 @@ def model_covariance(model: NoiseModel, pose: PoseContrasts, height_px: int) -> 
     return model.white * _white(pose.basis, pose.relative_variance) + fields
 
 
+def squared_sizes(V: Float[np.ndarray, "d d"], values: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
+    """Return zᵀV⁻¹z of each row z of `values`."""
+    whitened, failed = dtrtrs(np.linalg.cholesky(V), values.T, lower=1)
+    if failed:
+        raise np.linalg.LinAlgError("The covariance of the contrasts has no inverse.")
+    return np.asarray(np.einsum("dn,dn->n", whitened, whitened))
+
+
 def _levels(views: ViewStack, model: NoiseModel, pose: PoseContrasts) -> Float[np.ndarray, " n"]:
     """Return the variance of each image over the model's, by its stated uncertainty over its pose's.
 
     The deviation of image j from the mean of n has the variance (1 - 2/n) a_j² + ā²/n, ā² the mean over the images.
     """
     n = len(pose.images)
-    solved = np.linalg.solve(model_covariance(model, pose, views.image_height_px), pose.values.T)
-    squares = np.sum(pose.values.T * solved, axis=0) / pose.values.shape[1]
+    V = model_covariance(model, pose, views.image_height_px)
+    squares = squared_sizes(V, pose.values) / pose.values.shape[1]
     mean = float(squares.sum()) / (n - 1)
     if n < 3:
         return np.full(n, mean)
