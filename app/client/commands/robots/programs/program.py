@@ -14,7 +14,8 @@ from typing import Any
 
 from ...console import OptionRefused
 from ...rotations import Frame, from_roll_pitch_yaw, to_roll_pitch_yaw
-from .languages import LANGUAGES, Controller, Found, Language
+from .languages import LANGUAGES, Controller, Language
+from .points import Found
 
 _ENCODING = "latin-1"
 """Each byte is a character: what the program says in another encoding returns as it was."""
@@ -120,7 +121,7 @@ def read_program(path: Path, controller: Controller, base: Frame, tool: Frame) -
             f"{path.name} holds no points of a program of {controller}.",
             "Give --controller where the file is of another make.",
         )
-    return Program(text, language, points, base, tool, tuple(incomplete))
+    return Program(text, language, points, base, tool, tuple(dict.fromkeys(incomplete)))
 
 
 def _line(text: str, place: int) -> int:
