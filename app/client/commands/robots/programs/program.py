@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,15 +108,16 @@ def read_program(path: Path, controller: Controller, base: Frame, tool: Frame) -
         raise ProgramRefused(f"{path} cannot be read: {error.strerror}.") from error
     language = LANGUAGES[controller]
     points: dict[str, Found] = {}
-    incomplete = []
+    counts: Counter[str] = Counter()
+    incomplete, line, end = [], 1, 0
     for found in language.find(text):
-        line = _line(text, found.start)
+        line, end = line + text.count("\n", end, found.start), found.start
         if found.spans is None:
             incomplete.append(line)
             continue
         name = _NOT_IN_IDS.sub("_", found.name).strip("_") or f"line_{line}"
-        count = 1 + sum(other == name or other.startswith(f"{name}--") for other in points)
-        points[name if count == 1 else f"{name}--{count}"] = found
+        counts[name] += 1
+        points[name if counts[name] == 1 else f"{name}--{counts[name]}"] = found
     if not points:
         raise ProgramRefused(
             f"{path.name} holds no points of a program of {controller}.",
