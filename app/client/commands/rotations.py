@@ -146,3 +146,10 @@ def parse_frame(text: str) -> Frame:
     if len(numbers) != _PARTS or not all(map(math.isfinite, numbers)):
         raise ValueError("a frame has six numbers")
     return Frame(from_roll_pitch_yaw(*map(math.radians, numbers[3:])), numbers[:3])
+
+
+def frame_words(frame: Frame) -> str | None:
+    """Return a frame as `parse_frame` takes it, to .1 µm and .00001°; None where that is no motion at all."""
+    angles = map(math.degrees, to_roll_pitch_yaw(frame.rotation))
+    numbers = [*(round(v, 4) for v in frame.position_mm), *(round(v, 5) for v in angles)]
+    return ",".join(f"{v + 0.0:.9g}" for v in numbers) if any(numbers) else None

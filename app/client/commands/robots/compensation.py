@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -61,12 +62,17 @@ def compensate(
         typer.Option(help="Make of the controller whose program the file is.  [default: by its name]"),
     ] = None,
     base: Annotated[
-        str | None,
-        typer.Option(help=f"Frame of a program's points in the robot's base: {_FRAME}.  [default: the base]"),
+        list[str] | None,
+        typer.Option(
+            help=f"Frame of a program's points in the robot's base: {_FRAME}; again for a frame in this one.  "
+            "[default: the base]"
+        ),
     ] = None,
     tool: Annotated[
-        str | None,
-        typer.Option(help=f"Tool of a program's points on the flange: {_FRAME}.  [default: the flange]"),
+        list[str] | None,
+        typer.Option(
+            help=f"Tool of a program's points on the flange: {_FRAME}; again for one on this.  [default: the flange]"
+        ),
     ] = None,
     output: Annotated[
         Path | None,
@@ -116,11 +122,16 @@ def compensate(
             _show_program(program, frames_given=bool(base or tool))
 
 
-def _frame(text: str | None, option: str) -> Frame:
-    try:
-        return Frame() if text is None else parse_frame(text)
-    except ValueError as error:
-        raise OptionRefused(f"{option} {text} is no frame.", f"Give {_FRAME}, in mm and degrees.") from error
+def _frame(texts: Sequence[str] | None, option: str) -> Frame:
+    product = Frame()
+    for text in texts or ():
+        try:
+            product @= parse_frame(text)
+        except ValueError as error:
+            raise OptionRefused(
+                f"{option} {text} is no frame.", f"Give {_FRAME}, in mm and degrees."
+            ) from error
+    return product
 
 
 def _write(output: Path | None, data: bytes) -> None:

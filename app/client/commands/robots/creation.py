@@ -17,7 +17,7 @@ from ...http import insisting_query
 from ..access import UploadAccess
 from ..console import OptionRefused, error_console
 from ..creation import AcceptImplausible, BodyFile, Name, create_named
-from .joint_files import read_joints
+from .joint_files import programs_hint, read_joints
 from .known import known_robot
 
 _PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "minimum_deg", "maximum_deg")
@@ -148,6 +148,8 @@ def _known(model: str) -> Json:
             "`gridpose robots list --known` shows those that are; or give --joints-from with the maker's URDF.",
         )
     error_console().print(f"{escape(robot.maker)} {escape(robot.model)} by {escape(robot.source)}")
+    if robot.base is not None:
+        error_console().print(programs_hint("the flange in the controller's base", f"--base {robot.base}"))
     return robot.fields()
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from ... import Json
 from ..record_files import FileRefused, Record, Records, read_records
+from ..rotations import frame_words
 from .urdf import read_urdf
 
 NEEDED = ("a_mm", "alpha_deg", "d_mm")
@@ -38,7 +39,19 @@ def read_joints(path: Path, say: Callable[[str], None]) -> list[Json]:
             f"Joint{'s' if len(turned) > 1 else ''} {', '.join(turned)}: nearly parallel to the next, with beta_deg in "
             "place of d_mm; lengths along parallel axes are in d_mm of the last of these joints."
         )
+    frames = [("--base", robot.T_base_dh.inverse()), ("--tool", robot.T_last_end)]
+    given = [f"{option} {words}" for option, frame in frames if (words := frame_words(frame)) is not None]
+    if given:
+        say(programs_hint(f"{robot.end} in {robot.base}", " ".join(given)))
     return robot.joints
+
+
+def programs_hint(stated: str, options: str) -> str:
+    """Return how to correct Cartesian points that a controller states in another base, or of another flange."""
+    return (
+        "Poses of this robot are those of its last frame in frame 0 of its parameters. For Cartesian points of "
+        f"{stated}, give `robots compensate` {options}, before the frames of the program."
+    )
 
 
 def _of_table(records: Records) -> list[Json]:

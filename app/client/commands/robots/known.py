@@ -23,13 +23,18 @@ _ABB = "https://github.com/ros-industrial/abb"
 _FANUC = "https://github.com/ros-industrial/fanuc"
 _J23 = ((2, 1, 1.0),)
 """FANUC states J3 against the horizontal: the model turns by J3 + J2 (`J23_factor` of ROS-Industrial's driver)."""
+_UPSIDE_DOWN = "0,0,0,180,0,0"
 
 Rows = tuple[tuple[float, float, float, float], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class KnownRobot:
-    """An arm by its maker's data: (a mm, α °, d mm, θ offset °) per joint, couplings (joint, other, share) from 0."""
+    """An arm by its maker's data: (a mm, α °, d mm, θ offset °) per joint, couplings (joint, other, share) from 0.
+
+    `base` is the controller's base in frame 0: upside down where the first joint counts clockwise seen from above, and
+    of a FANUC its world, which is level with joint 2.
+    """
 
     maker: str
     model: str
@@ -37,6 +42,7 @@ class KnownRobot:
     source: str
     joint: str = "J"
     coupling: tuple[tuple[int, int, float], ...] = ()
+    base: str | None = None
 
     def fields(self) -> Json:
         """Return the fields of a robot of the API."""
@@ -81,7 +87,7 @@ def _fanuc(
         (0.0, -90.0, 0.0, 0.0),
         (0.0, alpha6, d6, 0.0),
     )
-    return KnownRobot("FANUC", model, rows, f"{_FANUC} {file}", coupling=_J23)
+    return KnownRobot("FANUC", model, rows, f"{_FANUC} {file}", coupling=_J23, base=f"0,0,{d1:g},0,0,0")
 
 
 KNOWN = (
@@ -103,6 +109,7 @@ KNOWN = (
         ),
         f"{_KUKA} kuka_kr5_support/urdf/kr5_arc_macro.xacro",
         "A",
+        base=_UPSIDE_DOWN,
     ),
     KnownRobot(
         "KUKA",
@@ -117,6 +124,7 @@ KNOWN = (
         ),
         f"{_KUKA} kuka_kr10_support/urdf/kr10r1100sixx_macro.xacro",
         "A",
+        base=_UPSIDE_DOWN,
     ),
     KnownRobot(
         "ABB",

@@ -46,13 +46,15 @@ class UrdfJoint:
 class UrdfRobot:
     """What a URDF says of an arm: fields of a robot's joints, and how far they are from the file at most, mm.
 
-    `T_base_dh` is frame 0 in the root's frame.
+    `T_base_dh` is frame 0 in the frame of the link `base`, and `T_last_end` the link `end` in the last frame.
     """
 
     name: str
     joints: list[Json]
+    base: str
     end: str
     T_base_dh: Frame
+    T_last_end: Frame
     deviation_mm: float
 
 
@@ -68,17 +70,21 @@ def read_urdf(path: Path) -> UrdfRobot:
 def parse_urdf(text: str) -> UrdfRobot:
     """`read_urdf` of a file's content."""
     robot = _parsed(text)
-    chain = _chain([_joint(element) for element in robot.findall("joint")])
+    every = [_joint(element) for element in robot.findall("joint")]
+    chain = _chain(every)
     frame, axes = Frame(), list[Axis]()
     for joint in chain:
         frame = frame @ joint.origin
         if joint.kind in _TURNING:
             axes.append(Axis(frame.position_mm, applied(frame.rotation, joint.axis)))
-    rows, base = dh_of_axes(axes, frame)
+    rows, T_root_dh = dh_of_axes(axes, frame)
     turning = [joint for joint in chain if joint.kind in _TURNING]
     joints = [_fields(row, joint) for row, joint in zip(rows, turning, strict=True)]
-    deviation_mm = _deviation(chain, rows, base)
-    return UrdfRobot(robot.get("name") or "robot", joints, chain[-1].child, base, deviation_mm)
+    T_last_end, deviation_mm = _compared(chain, rows, T_root_dh)
+    base, T_root_base = _controller_base(every, chain[0].parent)
+    T_base_dh = T_root_base.inverse() @ T_root_dh
+    name = robot.get("name") or "robot"
+    return UrdfRobot(name, joints, base, chain[-1].child, T_base_dh, T_last_end, deviation_mm)
 
 
 def _parsed(text: str) -> ElementTree.Element:
@@ -227,24 +233,36 @@ def _fields(row: DhRow, joint: UrdfJoint) -> Json:
     return fields
 
 
-def _deviation(chain: Sequence[UrdfJoint], rows: Sequence[DhRow], base: Frame) -> float:
-    """Return by how much the flange of the parameters moves otherwise than the file's, over several postures, mm.
+def _controller_base(joints: Sequence[UrdfJoint], root: str) -> tuple[str, Frame]:
+    """Return the link that stands for the controller's base, in the root's frame: `base` (ROS REP 199), or the root."""
+    above = {joint.child: joint for joint in joints}
+    for joint in joints:
+        way = _upwards(joint, above)
+        if (
+            re.search(r"(^|[_/])base$", joint.child)
+            and way[0].parent == root
+            and all(one.kind == "fixed" for one in way)
+        ):
+            return joint.child, _file_flange(way, [])
+    return root, Frame()
 
-    A constant tool between both, which a hand-eye calibration determines in any case, is no deviation.
-    """
+
+def _compared(chain: Sequence[UrdfJoint], rows: Sequence[DhRow], T_root_dh: Frame) -> tuple[Frame, float]:
+    """Return the file's end in the last frame, and by how much it moves otherwise over several postures, mm."""
     postures = [[0.9 * math.sin(1.7 * k * (j + 1) + k) for j in range(len(rows))] for k in range(8)]
-    tool: Frame | None = None
+    T_last_end: Frame | None = None
     largest = 0.0
     for angles in postures:
         file = _file_flange(chain, angles)
-        found = base
+        found = T_root_dh
         for row, angle in zip(rows, angles, strict=True):
             found = found @ row.frame(angle)
-        if tool is None:
-            tool = found.inverse() @ file
-        expected = found @ tool
+        if T_last_end is None:
+            T_last_end = found.inverse() @ file
+        expected = found @ T_last_end
         largest = max(largest, math.dist(expected.position_mm, file.position_mm))
-    return largest
+    assert T_last_end is not None
+    return T_last_end, largest
 
 
 def _file_flange(chain: Sequence[UrdfJoint], angles: Sequence[float]) -> Frame:
