@@ -237,7 +237,7 @@ def _scaled(nominal: Chain, refined: FitResult, gauge: Gauge, *, instrument: boo
     ):
         return
     factor = (
-        f"All {len(off)} lengths of {MIN_SCALED_MM:g} mm or more are {100.0 * abs(scale):.2g} % "
+        f"All {len(off)} lengths of {MIN_SCALED_MM:g} mm or more are {100.0 * abs(scale):.3g} % "
         f"{'longer' if scale > 0.0 else 'shorter'} than the nominal ones."
     )
     if instrument:

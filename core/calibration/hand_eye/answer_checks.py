@@ -97,7 +97,7 @@ def scale_warnings(
     return [
         Advisory(
             "instrument_scale_mismatch" if instrument else "print_scale_mismatch",
-            f"Commanded distances are {100.0 * abs(scale.value):.2g} % {'longer' if scale.value > 0.0 else 'shorter'} "
+            f"Commanded distances are {100.0 * abs(scale.value):.3g} % {'longer' if scale.value > 0.0 else 'shorter'} "
             f"than {seen}, by one factor, with a standard uncertainty of {100.0 * scale.standard_uncertainty:.1g} %.",
             advice,
         )

@@ -83,7 +83,7 @@ def test_an_arm_described_by_other_angles_is_distinguished_from_the_nominal() ->
 
 
 @pytest.mark.parametrize(
-    ("scale", "named"), [(1.0, False), (1.001, False), (1.01, True), (0.97, True), (1.03, True)]
+    ("scale", "named"), [(1.0, False), (1.001, False), (1.01, True), (0.97, True), (1.03, True), (2.0, True)]
 )
 def test_lengths_that_are_all_off_by_one_factor_are_the_scale_of_the_print(scale: float, named: bool) -> None:
     _, poses = measured(19, robot=ROBOT)
