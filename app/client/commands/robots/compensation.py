@@ -205,6 +205,11 @@ def _show_program(program: Program, *, frames_given: bool) -> None:
             "Cartesian points are taken as those of the flange in the robot's base. Where the program has a tool or "
             "another base, give --tool and --base."
         )
+    if len(program.frames) > 1:
+        console.print(
+            f"[yellow]Points are in {len(program.frames)} frames ({'; '.join(sorted(program.frames))}), and all were "
+            "taken in one: keep the corrections of the frame that --base and --tool are of.[/]"
+        )
     if program.incomplete_lines:
         lines = ", ".join(map(str, program.incomplete_lines))
         console.print(

@@ -101,3 +101,18 @@ def test_every_point_is_found_or_named_and_no_frame_is_one(
     }
     assert x_mm == {name: x if x is None else pytest.approx(x) for name, x in points.items()}
     assert found.incomplete_lines == left
+
+
+def test_frames_of_a_listing_that_differ_from_point_to_point_are_known(tmp_path: Path) -> None:
+    point = """P[{0}]{{
+   GP1:
+\tUF : {1}, UT : {2},\t\tCONFIG : 'N U T, 0, 0, 0',
+\tX =   500.000  mm,\tY =   -99.999  mm,\tZ =   600.000  mm,
+\tW =   178.000 deg,\tP =    10.000 deg,\tR =   -20.000 deg
+}};
+"""
+    path = tmp_path / "PART.LS"
+    one, two = point.format(1, 0, 1) + point.format(2, 0, 1), point.format(3, 1, 1)
+    for text, frames in ((one, {"UF 0, UT 1"}), (one + two, {"UF 0, UT 1", "UF 1, UT 1"})):
+        path.write_text(f"/POS\n{text}/END\n")
+        assert read_program(path, Controller.fanuc, Frame(), Frame()).frames == frames

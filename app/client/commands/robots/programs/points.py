@@ -22,12 +22,16 @@ _FLAGS = re.IGNORECASE | re.MULTILINE
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A point in a program's text: where it begins, its name, and where its numbers stand; none: it is not whole."""
+    """A point in a program's text: where it begins, its name, and where its numbers stand; none: it is not whole.
+
+    `frame` names the frames that a Cartesian point states itself; elsewhere the move or the program does.
+    """
 
     start: int
     name: str
     joints: bool
     spans: tuple[Span, ...] | None
+    frame: str | None = None
 
 
 def _code(text: str, comment: str) -> str:
@@ -168,6 +172,7 @@ class _Calls:
 _TP = re.compile(r"^[ \t]*P\[(?P<number>\d+)(?:[ \t]*:[ \t]*\"(?P<name>[^\"]*)\")?[^\]]*\][ \t]*\{", _FLAGS)
 _POSITIONS = re.compile(r"^[ \t]*/POS\b", _FLAGS)
 _GROUP = re.compile(r"\bGP(\d+)[ \t]*:", _FLAGS)
+_USER_FRAMES = re.compile(r"\bUF[ \t]*:[ \t]*(\w+)[ \t]*,[ \t]*UT[ \t]*:[ \t]*(\w+)", _FLAGS)
 
 
 def tp(text: str) -> Iterator[Found]:
@@ -183,4 +188,6 @@ def tp(text: str) -> Iterator[Found]:
         joints = re.search(r"\bJ1\s*=", text[start:end]) is not None
         names = [f"J{i}" for i in range(1, 7)] if joints else ("X", "Y", "Z", "W", "P", "R")
         spans = _named(text, start, end, names, r"[ \t]*=(?=[ \t]*[-+.\d])[ \t]*")
-        yield Found(match.start(), f"P{match['number']}", joints, spans)
+        stated = None if joints else _USER_FRAMES.search(text, start, end)
+        frame = None if stated is None else f"UF {stated[1]}, UT {stated[2]}"
+        yield Found(match.start(), f"P{match['number']}", joints, spans, frame)

@@ -54,6 +54,11 @@ class Program:
         """Whether frames matter."""
         return any(not point.joints for point in self.points.values())
 
+    @property
+    def frames(self) -> set[str]:
+        """The frames that points state themselves; one base and one tool are right for one of them."""
+        return {point.frame for point in self.points.values() if point.frame is not None}
+
     def commands(self) -> list[dict[str, Any]]:
         """Return the points with the fields of the API: joint angles, or the flange in the robot's base."""
         return [{"pose_id": name, **self._command(point)} for name, point in self.points.items()]
