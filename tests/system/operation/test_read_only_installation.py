@@ -54,7 +54,7 @@ def installed(tmp_path: Path) -> Path:
     """A copy of the program with its kernels compiled, as the end of an installation leaves it, made read-only."""
     tree = tmp_path / "installed"
     for package in ("app", "core", "migrations"):
-        shutil.copytree(PROJECT / package, tree / package, copy_function=shutil.copyfile)
+        shutil.copytree(PROJECT / package, tree / package)
     compile_kernels = [sys.executable, "-m", "app.jobs.warm_up"]
     done = subprocess.run(
         compile_kernels, env=environment(tree), cwd=tree, check=True, capture_output=True, text=True
