@@ -73,10 +73,10 @@ def so3_log(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
 
 
 def rotation_vectors(
-    rotations: Float[np.ndarray, "n 3 3"], about: Float[np.ndarray, "3 3"]
+    rotations: Float[np.ndarray, "n 3 3"], about: Float[np.ndarray, "*n 3 3"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Return w with R_j = exp(w_j) R_about, rad, in the frame's axes."""
-    relative = rotations @ about.T
+    """Return w with R_j = exp(w_j) R_about, rad, in the frame's axes; about one rotation, or each about its own."""
+    relative = rotations @ about.swapaxes(-1, -2)
     axis = 0.5 * np.stack(
         [
             relative[:, 2, 1] - relative[:, 1, 2],

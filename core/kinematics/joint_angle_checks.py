@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 from scipy.special import fdtri
 
 from core.errors import (
@@ -19,6 +18,7 @@ from core.errors import (
     JointAnglesUnitMismatch,
     PrismaticJoint,
 )
+from core.geometry import rotation_vectors
 from core.kinematics.dh import Chain
 from core.kinematics.joint_axes import fit_circle
 from core.kinematics.pose_observations import PoseData
@@ -95,7 +95,7 @@ def _turn_ratio(poses: PoseData, sweep: Sweep) -> float | None:
     apart = moves > 0.02 * sweep.arc
     if poses.rotations is not None:
         R = poses.rotations[sweep.poses]
-        turns = np.asarray(Rotation.from_matrix(R[1:] @ R[:-1].swapaxes(1, 2)).magnitude())
+        turns = np.linalg.norm(rotation_vectors(R[1:], R[:-1]), axis=1)
     elif float(np.linalg.norm(np.ptp(poses.positions_mm[sweep.poses], axis=0))) < _MOVED_MM:
         return None
     else:
@@ -144,6 +144,6 @@ def _turned_further(poses: PoseData) -> bool:
     rng = np.random.default_rng(0)
     a, b = rng.integers(0, len(poses), (2, _PAIRS))
     a, b = a[a != b], b[a != b]
-    turns = Rotation.from_matrix(poses.rotations[a] @ poses.rotations[b].swapaxes(1, 2)).magnitude()
+    turns = np.linalg.norm(rotation_vectors(poses.rotations[a], poses.rotations[b]), axis=1)
     possible = np.abs(poses.joint_angles[a] - poses.joint_angles[b]).sum(axis=1)
     return bool(np.mean(turns > possible + math.radians(1.0)) > 0.5)

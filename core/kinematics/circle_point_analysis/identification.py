@@ -23,10 +23,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial.transform import Rotation
 
 from core.errors import Advisory
-from core.geometry import invert, transform, transform_mean
+from core.geometry import invert, rotation_vectors, transform, transform_mean
 from core.kinematics.arm_model import ParameterLayout
 from core.kinematics.circle_point_analysis.common_normals import Axes, DhDescription, LinkForm, describe
 from core.kinematics.circle_point_analysis.covariance import ArcTree
@@ -262,7 +261,7 @@ def _placed(
     off = seen.positions_mm - end[:, :3, 3]
     turned = None
     if seen.rotations is not None:
-        turns = Rotation.from_matrix(seen.rotations @ end[:, :3, :3].swapaxes(1, 2)).magnitude()
+        turns = np.linalg.norm(rotation_vectors(seen.rotations, end[:, :3, :3]), axis=1)
         turned = math.sqrt(float(np.mean(turns**2)))
     return T_target_base, tool, math.sqrt(float(np.mean(np.sum(off**2, axis=1)))), turned
 

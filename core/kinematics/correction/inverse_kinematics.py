@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
-from scipy.spatial.transform import Rotation
 
+from core.geometry import rotation_vectors
 from core.kinematics.arm_model import THETA
 from core.kinematics.dh import Chain, forward, pose_with_jacobian
 
@@ -84,8 +84,8 @@ def _descended(
     for _ in range(_ITERATIONS):
         base = np.ascontiguousarray(np.broadcast_to(np.eye(4), (len(left), 4, 4)))
         end, J = pose_with_jacobian(parameters, q[left], base, np.eye(4))
-        turn = T[left, :3, :3] @ end[:, :3, :3].transpose(0, 2, 1)
-        away = np.concatenate([(T[left, :3, 3] - end[:, :3, 3]).T, Rotation.from_matrix(turn).as_rotvec().T])
+        turned = rotation_vectors(T[left, :3, :3], end[:, :3, :3])
+        away = np.concatenate([(T[left, :3, 3] - end[:, :3, 3]).T, turned.T])
         away *= scale[:, None]
         off[left] = np.abs(away).max(axis=0)
         far = off[left] >= _ATTAINED_MM

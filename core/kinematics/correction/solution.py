@@ -17,8 +17,8 @@ from enum import StrEnum
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial.transform import Rotation
 
+from core.geometry import rotation_vectors
 from core.kinematics.correction.components import (
     CorrectableComponents,
     correctable_components,
@@ -178,10 +178,8 @@ def _lengths(off: Float[np.ndarray, "6 n"]) -> Float[np.ndarray, "2 n"]:
 def _difference(
     meant: Float[np.ndarray, "n 4 4"], attained: Float[np.ndarray, "n 4 4"]
 ) -> Float[np.ndarray, "6 n"]:
-    turn = meant[:, :3, :3] @ attained[:, :3, :3].transpose(0, 2, 1)
-    return np.concatenate(
-        [(meant[:, :3, 3] - attained[:, :3, 3]).T, Rotation.from_matrix(turn).as_rotvec().T]
-    )
+    turned = rotation_vectors(meant[:, :3, :3], attained[:, :3, :3])
+    return np.concatenate([(meant[:, :3, 3] - attained[:, :3, 3]).T, turned.T])
 
 
 def _place(by: CorrectionModel, q: Float[np.ndarray, " j"]) -> Outcome:

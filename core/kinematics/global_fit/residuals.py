@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation
 
 from core.errors import InvalidArgument
+from core.geometry import rotation_vectors
 from core.jit import jit
 from core.kinematics.arm_model import ArmState, ParameterLayout
 from core.kinematics.dh import pose_with_jacobian
@@ -123,8 +123,7 @@ def linearised(
     r = np.empty((m, len(seen)))
     r[:3] = (seen.positions_mm - end[:, :3, 3]).T
     if seen.rotations is not None:
-        turn = seen.rotations @ end[:, :3, :3].transpose(0, 2, 1)
-        r[3:] = Rotation.from_matrix(turn).as_rotvec().T
+        r[3:] = rotation_vectors(seen.rotations, end[:, :3, :3]).T
     if layout.shared:
         r -= np.einsum("nmk,k->mn", seen.common, arm.shared)
     return r, J

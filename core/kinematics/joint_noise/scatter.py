@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial.transform import Rotation
 
 from core.errors import MotionInsufficient, TooFewPoses
-from core.geometry import rotation_mean
+from core.geometry import rotation_mean, rotation_vectors
 from core.kinematics.arm_model import SHORTEST_REACH_MM, THETA, ArmState
 from core.kinematics.dh import Chain, forward
 from core.kinematics.global_fit import Observations, linearised, observations_of, placed
@@ -177,6 +176,6 @@ def _deviations(seen: Observations, visits: Int[np.ndarray, " v"], reach: float)
     off = seen.positions_mm[visits] - seen.positions_mm[visits].mean(axis=0)
     if seen.rotations is None:
         return off
-    mean = rotation_mean(seen.rotations[visits])
-    turned = Rotation.from_matrix(seen.rotations[visits] @ mean.T).as_rotvec()
+    rotations = seen.rotations[visits]
+    turned = rotation_vectors(rotations, rotation_mean(rotations))
     return np.concatenate([off, reach * (turned - turned.mean(axis=0))], axis=1)

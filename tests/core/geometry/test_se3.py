@@ -19,7 +19,9 @@ from core.geometry.se3 import (
     invert,
     nearest_rotation,
     rotation_mean,
+    rotation_vectors,
     rotations_about,
+    rotations_from_vectors,
     so3_exp,
     so3_log,
     transform,
@@ -52,6 +54,16 @@ def test_log_is_exact_from_no_turn_to_half_a_turn(angle: float, axis: tuple[int,
     # At π both signs are the same rotation.
     error = min(np.linalg.norm(recovered - w), np.linalg.norm(recovered + w) if angle == math.pi else np.inf)
     assert error < 1e-9
+
+
+@pytest.mark.parametrize("each", [False, True], ids=["about one", "each about its own"])
+def test_rotation_vectors_turn_what_they_are_about(*, each: bool) -> None:
+    rng = np.random.default_rng(4)
+    turns = rng.normal(size=(40, 3))
+    turns *= (np.linspace(0.0, math.pi - 1e-6, 40) / np.linalg.norm(turns, axis=1))[:, None]
+    about = rotations_from_vectors(rng.normal(size=(40, 3))) if each else so3_exp(rng.normal(size=3))
+    found = rotation_vectors(rotations_from_vectors(turns) @ about, about)
+    np.testing.assert_allclose(found, turns, atol=1e-9)
 
 
 @given(angles, st.floats(-1.55, 1.55), angles)
