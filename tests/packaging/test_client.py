@@ -13,17 +13,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rich.progress import Progress
 
 import app.client
 from app.cli.demo.evaluation import figures_with_truth
 from app.cli.demo.service_process import ServiceProcess
-from app.cli.demo.session import BOARD, FLAT, SMALL_POSES, image_files, render_images, small_session
+from app.cli.demo.session import BOARD, FLAT, SMALL_POSES, image_files, small_session
 from app.client import ServiceClient
 from tests.support.environment.fault_proxy import FAULTS, FaultProxy, at_random
 from tests.support.environment.shop_floor import ShopFloor
 from tests.support.service.service import wait_until
 from tests.support.service.watched import WatchedCell
+from tests.support.simulation.renders import write_renders
 
 PROJECT = Path(__file__).parents[2]
 CLIENT = PROJECT / "app" / "client"
@@ -126,19 +126,18 @@ def test_the_client_alone_watches_the_demo_through_faults_and_reads_the_table(
     watch += ("--target", f"{target},dictionary={BOARD.dictionary}", "--live")
     proxy.plan = at_random(seed=17, share=0.25)
 
-    with Progress(disable=True) as progress:
-        with pc.start(*watch) as process:
-            render_images(dict(files[:6]), progress)
-            wait_until(lambda: len(proxy.stored) >= 3, 120, "images are sent")
-            process.kill()
-            process.communicate()
-        proxy.away = True
-        with pc.start(*watch, "--once") as process:
-            before = proxy.faults["cut before"]
-            render_images(dict(files[6:]), progress)
-            wait_until(lambda: proxy.faults["cut before"] > before, 60, "it asks while the service is away")
-            proxy.away = False
-            said, errors = process.communicate(timeout=600)
+    with pc.start(*watch) as process:
+        write_renders(dict(files[:6]))
+        wait_until(lambda: len(proxy.stored) >= 3, 120, "images are sent")
+        process.kill()
+        process.communicate()
+    proxy.away = True
+    with pc.start(*watch, "--once") as process:
+        before = proxy.faults["cut before"]
+        write_renders(dict(files[6:]))
+        wait_until(lambda: proxy.faults["cut before"] > before, 60, "it asks while the service is away")
+        proxy.away = False
+        said, errors = process.communicate(timeout=600)
     assert process.returncode == 0, said + errors
     assert min(proxy.faults[fault] for fault in FAULTS) > 0
     session_id = said.split()[-1]

@@ -7,17 +7,14 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
-import cv2
 import pytest
 
 from app.cli.demo import paper
-from core.simulation import Scene
 from tests.support.command_line import gridpose_here
-from tests.support.simulation.renders import render
+from tests.support.simulation.renders import write_renders
 
 SEED = ("--seed", "2")
 
@@ -37,13 +34,6 @@ def demo_of_the_paper(folder: Path, *options: str) -> subprocess.CompletedProces
     """Run it in this process, on a narrow terminal."""
     settings = {"COLUMNS": "80", "GRIDPOSE_WORKERS": "1"}
     return gridpose_here("demo", "--paper", *options, "--data-dir", str(folder), *SEED, **settings)
-
-
-def render_or_read(files: Mapping[Path, Scene], *_: object) -> None:
-    """Write what the demo would render: the same pixels, kept from earlier runs of the tests."""
-    for path, scene in files.items():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        assert cv2.imwrite(str(path), render(scene))
 
 
 def assert_table_iv(said: str, folder: Path) -> None:
@@ -118,7 +108,7 @@ def test_the_small_demo_shows_a_table_of_poses_and_keeps_what_it_made(tmp_path: 
 @pytest.mark.slow
 def test_it_calibrates_refuses_and_reports_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its images are the tests' own renders: how a demo renders is shown by the small one."""
-    monkeypatch.setattr(paper, "render_images", render_or_read)
+    monkeypatch.setattr(paper, "render_images", write_renders)
     folder = tmp_path / "kept"
     ended = demo_of_the_paper(folder, "--quick")
     said = ended.stdout

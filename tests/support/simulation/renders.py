@@ -15,7 +15,7 @@ import hashlib
 import importlib.util
 import os
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import cv2
@@ -36,6 +36,15 @@ def render(scene: Scene) -> np.ndarray:
 def render_levels(scene: Scene) -> np.ndarray:
     """Return `core.simulation.renderer.render_levels(scene)`, (h, w) float32; the caller may write into it."""
     return _kept(renderer.render_levels, scene)
+
+
+def write_renders(files: Mapping[Path, Scene], *_: object) -> None:
+    """Write the files that a demo's `render_images` would render, each whole when it appears."""
+    for path, scene in files.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_suffix(".part")
+        part.write_bytes(cv2.imencode(path.suffix, render(scene))[1].tobytes())
+        part.replace(path)
 
 
 def _kept(draw: Callable[[Scene], np.ndarray], scene: Scene) -> np.ndarray:
