@@ -49,7 +49,7 @@ def draw_check_list(plan: Mapping[str, Any]) -> bytes:
     y = _boxes(
         axes,
         y,
-        "Once, before the cycles: views that determine the lens",
+        "Once, before the cycles: views that determine the lens; send them without a cycle number",
         [f"{pose['pose_id']}   {_place(pose)}" for pose in plan["additional_poses"]],
     )
     _cycles(axes, y, plan)

@@ -1,7 +1,8 @@
 """Whether the robot keeps its data sheet, decided of all poses of a session together.
 
 The worst pose counts, and what was not measured may be the worst: a pose that was commanded or photographed and of
-which nothing counts leaves the decision open, as does one whose cycles drift, or have no numbers to test that by.
+which nothing counts leaves the decision open, as does one whose cycles drift, or have no numbers to test that by. A
+view that was taken once and belongs to no cycle determines the lens, and is no pose of the test: the reason names it.
 
 What the poses have in common narrows their intervals: of RP_l the process that cycles follow, of AP_p the size of the
 deviations. The worst pose may be of another kind. So a robot passes only if its intervals lie within the limit without
@@ -15,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from core.errors import listed
 from core.metrology import (
     UNCHANGING,
     UNSTEADY,
@@ -74,8 +76,10 @@ def assess_acceptance(data: SessionData, found: SessionRepeatability) -> Session
     AP_p is about the best fit of base and tool: an error that all poses share is not decided.
     """
     rows = {row.pose_id: row for row in found.poses}
-    every = sorted({*rows, *data.commanded}, key=natural)
-    commanded = [pose_id for pose_id in every if _commanded(data, pose_id)]
+    apart = {pose_id for pose_id, row in rows.items() if _is_apart(row)}
+    known = {*rows, *data.commanded}
+    every = _tested(known, apart)
+    commanded = _tested({pose_id for pose_id in known if _commanded(data, pose_id)}, apart)
     spread = {
         pose_id: row.figures.repeatability.position_mm
         for pose_id, row in rows.items()
@@ -103,6 +107,11 @@ def assess_acceptance(data: SessionData, found: SessionRepeatability) -> Session
     )
     if found.witness is not None and found.witness.witness.subtract:
         limitations.append("the witness's motion was subtracted")
+    if apart:
+        are = "is" if len(apart) == 1 else "are"
+        limitations.append(
+            f"{listed(sorted(apart, key=natural))}, seen once and in no cycle, {are} not tested"
+        )
     return SessionAcceptance(
         _limited(repeatability, limitations),
         _limited(accuracy, ["what base and tool are off is not tested", *limitations]),
@@ -122,6 +131,15 @@ def _limited(of_limit: LimitAcceptance | None, limitations: Sequence[str]) -> Li
         return of_limit
     reason = "; ".join([of_limit.found.reason, *limitations])
     return replace(of_limit, found=replace(of_limit.found, reason=reason))
+
+
+def _is_apart(row: PoseRow) -> bool:
+    """Return whether a pose was seen once and in no numbered cycle, as views are that determine the lens."""
+    return len(row.visits) == 1 and row.visits[0].cycle is None and not row.excluded
+
+
+def _tested(poses: set[str], apart: set[str]) -> list[str]:
+    return sorted(poses - apart or poses, key=natural)
 
 
 def _commanded(data: SessionData, pose_id: str) -> bool:

@@ -121,6 +121,8 @@ def test_loads_speeds_and_approaches_are_planned(tmp_path: Path) -> None:
     text = pypdfium2.PdfDocument(files[2])[0].get_textpage().get_text_range()
     assert "speed 50 %" in text
     assert "P4_from_z" in text
+    assert "views that determine the lens; send them without a cycle number" in text
     assert "Warm-up of 60 min" in done.stdout
+    assert "T1, T2, T3, T4 are taken once" in done.stdout
     assert "more than 0" in run("--speed-percent", "0", code=2).stderr
     assert "longer than 0" in run("--approaches", "2", "--approach-mm", "0", code=2).stderr

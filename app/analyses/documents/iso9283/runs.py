@@ -92,6 +92,11 @@ def sentences(plan: dict[str, Any]) -> list[str]:
     if plan["approach_poses"]:
         ways = ", ".join(dict.fromkeys(pose["approach"] for pose in plan["approach_poses"]))
         found.append(f"{', '.join(APPROACHED)} are approached from {ways} in every cycle as well.")
+    views = ", ".join(pose["pose_id"] for pose in plan["additional_poses"])
+    found.append(
+        f"{views} are taken once, for the lens. Send them without a cycle number (gridpose upload --cycles none): with "
+        "one they are poses of the test that lack cycles, and no robot passes."
+    )
     return found
 
 
