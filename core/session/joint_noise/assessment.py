@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +18,13 @@ from core.session.joint_noise.held_out import HeldOutScatter, validate_joint_noi
 from core.session.joint_noise.prediction import PredictedScatter, predict_scatter
 from core.session.joint_noise.workspace import RepeatabilityMap, map_repeatability
 from core.session.model import SessionData
-from core.session.robot import gather_robot_poses, with_nominal_orientations, workspace_limits
+from core.session.repeatability import burst_noise, burst_warnings, with_burst_noise
+from core.session.robot import (
+    RobotPoses,
+    gather_robot_poses,
+    with_nominal_orientations,
+    workspace_limits,
+)
 
 MIN_HELD_OUT_CHI, MAX_HELD_OUT_CHI = 0.8, 1.25
 """Between them, predicted covariances have the size of the scatter at held-out poses."""
@@ -83,8 +89,9 @@ def assess_joint_noise(
     if estimate is None and data.images and not data.measured:
         estimate = estimate_session(with_nominal_orientations(data))
     gathered = gather_robot_poses(data, estimate, nominal_prints=True)
-    unchanging = _unchanging(gathered.poses)
-    seen = gather_scatters(gathered.poses, data.nominal, unchanging)
+    poses, of_bursts = _with_burst_noise(gathered)
+    unchanging = _unchanging(poses)
+    seen = gather_scatters(poses, data.nominal, unchanging)
     noise = fit_joint_noise(seen)
     held_out = validate_joint_noise(seen, noise)
     angles = _stated(data, at)
@@ -103,8 +110,36 @@ def assess_joint_noise(
         map_repeatability(noise, seen.arm, model_limits),
         stated,
         gathered.excluded,
-        (*gathered.warnings, *_unchanging_warning(unchanging), *_warnings(noise, seen, held_out)),
+        (
+            *gathered.warnings,
+            *of_bursts,
+            *_unchanging_warning(unchanging),
+            *_warnings(noise, seen, held_out),
+        ),
     )
+
+
+def _with_burst_noise(gathered: RobotPoses) -> tuple[PoseData, list[Advisory]]:
+    """Return the poses with what images scatter within their stops beyond the model in their covariances, since that is
+    no joint's, and the warning that says so.
+
+    It is that of all poses before a target together: few stops of one pose determine it too roughly for the fit, which
+    takes the instrument's covariances as known.
+    """
+    poses, places = gathered.poses, dict[str, list[int]]()
+    for i, stop in enumerate(gathered.stops):
+        places.setdefault(str(stop.frame), []).append(i)
+    stops = {target: [gathered.stops[i] for i in rows] for target, rows in places.items()}
+    found = burst_noise(stops)
+    if found is None or not any(found.above_model) or poses.covariance is None:
+        return poses, []
+    covariance = poses.covariance.copy()
+    for target, wider in with_burst_noise(stops, found).items():
+        for i, stop in zip(places[target], wider, strict=True):
+            modelled = gathered.stops[i].scatter
+            if stop.scatter is not None and modelled is not None:
+                covariance[i] += stop.scatter - modelled
+    return replace(poses, covariance=covariance), burst_warnings(found)
 
 
 def _unchanging(poses: PoseData) -> frozenset[str]:

@@ -13,7 +13,13 @@ from core.session.repeatability.pose_rows import (
     measured_rows,
 )
 from core.session.repeatability.steadiness import SessionSteadiness
-from core.session.repeatability.stops import BurstFloor, BurstNoise
+from core.session.repeatability.stops import (
+    BurstFloor,
+    BurstNoise,
+    burst_noise,
+    burst_warnings,
+    with_burst_noise,
+)
 from core.session.repeatability.witness import Witness, WitnessMotion
 
 __all__ = [
@@ -33,8 +39,11 @@ __all__ = [
     "accuracy_drift_of",
     "assess_acceptance",
     "assess_repeatability",
+    "burst_noise",
+    "burst_warnings",
     "drift_of",
     "image_rows",
     "measured_rows",
     "session_budgets",
+    "with_burst_noise",
 ]

@@ -153,7 +153,7 @@ def burst_warnings(noise: BurstNoise | None) -> list[Advisory]:
         Advisory(
             "burst_scatter_above_model",
             f"The {noise.images} images of {noise.stops} stops scatter more within their stops than the noise of their "
-            f"points explains, {larger}; noise floors and corrected figures take that scatter.",
+            f"points explains, {larger}; that scatter is counted as the instrument's.",
             "Let the robot settle longer before the first image, fix camera and target, and look for vibration and for "
             "warm air before the lens.",
         )

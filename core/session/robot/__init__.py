@@ -7,6 +7,7 @@ from core.session.robot.method_agreement import MethodDifference
 from core.session.robot.result import RobotIdentification
 from core.session.robot.robot_poses import (
     MAX_POSES,
+    RobotPoses,
     gather_robot_poses,
     poses_of_readings,
     semidefinite,
@@ -21,6 +22,7 @@ __all__ = [
     "MethodDifference",
     "NamedSweep",
     "RobotIdentification",
+    "RobotPoses",
     "SessionCorrection",
     "SessionErrorMap",
     "gather_robot_poses",

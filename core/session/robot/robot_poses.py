@@ -39,14 +39,16 @@ _NO_ROTATION = "It has no rotation, while most have one."
 class RobotPoses:
     """Poses ready for identification.
 
-    `targets` are the places, in the session's list, of the targets that `poses.target` counts, and `rows` those of the
-    images among the session's estimate; both are empty for another instrument. `order` are the poses as they were
-    measured, empty where that is not known. `excluded` are the measurements that are not among `poses`.
+    `targets` are the places, in the session's list, of the targets that `poses.target` counts, `rows` those of the
+    images among the session's estimate, and `stops` the visits that `poses` are of; all are empty for another
+    instrument. `order` are the poses as they were measured, empty where that is not known. `excluded` are the
+    measurements that are not among `poses`.
     """
 
     poses: PoseData
     targets: tuple[int, ...]
     rows: Int[np.ndarray, " n"]
+    stops: tuple[MeasuredPose, ...]
     order: Int[np.ndarray, " k"]
     excluded: tuple[ExcludedMeasurement, ...]
     warnings: tuple[Advisory, ...]
@@ -122,7 +124,7 @@ def poses_of_estimate(
         *estimate.unclear.values(),
         *(excluded_for_angles(data, pose) for pose in without),
     )
-    return RobotPoses(poses, targets, np.array(keep, dtype=np.intp), order, excluded, warnings)
+    return RobotPoses(poses, targets, np.array(keep, dtype=np.intp), tuple(chosen), order, excluded, warnings)
 
 
 def _photograph(pose: MeasuredPose, several: Set[tuple[str, int | None]]) -> tuple[str, int | None, str]:
@@ -233,7 +235,7 @@ def poses_of_readings(data: SessionData) -> RobotPoses:
         approach=last_moves(order, joint_angles),
         instrument=True,
     )
-    return RobotPoses(poses, (), np.zeros(0, dtype=np.intp), order, tuple(excluded), tuple(warnings))
+    return RobotPoses(poses, (), np.zeros(0, dtype=np.intp), (), order, tuple(excluded), tuple(warnings))
 
 
 def _check_size(count: int) -> None:
