@@ -9,6 +9,8 @@ from app.records.ids import moment_of
 from app.reports.forms.blocks import Block, facts, heading, paragraph
 from app.reports.forms.wording import Json, words
 
+_PITCHES = (("x", "pitch_x_mm"), ("y", "pitch_y_mm"))
+
 
 def opening_blocks(document: Json) -> list[Block]:
     """Return what was measured, with what, and under which conditions."""
@@ -39,7 +41,9 @@ def opening_blocks(document: Json) -> list[Block]:
         facts(rows),
         heading("Conditions"),
         facts(stated),
-        *_targets(inputs["targets"] if document["source"] == "images" else ()),
+        *_targets(
+            inputs["targets"] if document["source"] == "images" else (), conditions.get("temperature_c")
+        ),
     ]
 
 
@@ -80,7 +84,7 @@ def closing_blocks(document: Json) -> list[Block]:
     ]
 
 
-def _targets(targets: Any) -> list[Block]:
+def _targets(targets: Any, temperature_c: float | None) -> list[Block]:
     blocks: list[Block] = []
     for target in targets:
         certificate, u = target["certificate"], target["pitch_standard_uncertainty_mm"]
@@ -94,11 +98,35 @@ def _targets(targets: Any) -> list[Block]:
             rows += [
                 ("certificate", _joined(certificate.get("number"), certificate.get("laboratory"))),
                 ("certificate of", certificate.get("issued_on")),
+                *_certified(certificate, temperature_c),
             ]
         elif u is None:
             rows.append(("traceability", "none stated: absolute lengths take the pitch as exact"))
         blocks += [heading(f"Target {target['name']}"), facts(rows)]
     return blocks
+
+
+def _certified(certificate: Json, temperature_c: float | None) -> list[tuple[str, Any]]:
+    """Return the lengths that a target's certificate states, with their standard uncertainties, and where they hold."""
+    rows: list[tuple[str, Any]] = []
+    points, u = certificate.get("points_mm"), certificate.get("standard_uncertainty")
+    if points is not None:
+        along = certificate["points_standard_uncertainty_mm"]
+        rows.append(("certified points", f"{len(points)}, u = {along:g} mm along each axis"))
+    elif certificate.get("pitch_x_mm") is not None and u is not None:
+        pitches = (f"{axis} {certificate[name]:.9g} mm, u = {u[name]:g} mm" for axis, name in _PITCHES)
+        rows.append(("certified pitch", "; ".join(pitches)))
+        rows.append(
+            (
+                "certified squareness",
+                f"{certificate.get('squareness_mrad') or 0.0:g} mrad, u = {u['squareness_mrad']:g} mrad",
+            )
+        )
+    if certificate.get("temperature_c") is not None:
+        where = f"{certificate['temperature_c']:g} °C, {certificate['expansion_per_k']:g} a kelvin"
+        taken = "not taken to another" if temperature_c is None else f"taken to {temperature_c:g} °C"
+        rows.append(("certified at", f"{where}; {taken}"))
+    return rows
 
 
 def _qualified(cited: Json | None, made_at: str) -> str:

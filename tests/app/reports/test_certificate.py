@@ -108,6 +108,19 @@ def test_figures_are_those_of_the_report(validate: Validate, documents: dict[str
     assert u == pytest.approx(group["standard_uncertainty"]["fx_px"], rel=1e-12)
 
 
+def test_the_mean_distance_is_covered_as_its_few_cycles_ask(
+    validate: Validate, documents: dict[str, dict[str, Any]]
+) -> None:
+    """With k of the normal distribution five cycles held the distance in 88 % where 95 % are stated."""
+    document = copy.deepcopy(documents["repeatability"])
+    ends = {"from_pose_id": "P1", "to_pose_id": "P2"}
+    unknown = dict.fromkeys(("ad_mm", "ad_interval_mm", "rd_mm", "interval_mm", "noise_floor_mm"))
+    known = {"cycles": 5, "mean_mm": 200.0, "standard_uncertainty_mm": 0.01}
+    document["analyses"]["repeatability"]["distances"] = [{**ends, **unknown, **known}]
+    expanded = quantity(validate(document), "Distance from pose P1 to pose P2", "gridpose_mean_mm")
+    assert float(expanded.findtext(f".//{SI}coverageFactor") or "") == pytest.approx(2.776, abs=1e-3)
+
+
 def test_repeatability_without_the_outliers_is_a_quantity_of_its_own(
     validate: Validate, documents: dict[str, dict[str, Any]]
 ) -> None:
@@ -152,11 +165,19 @@ def test_accuracy_conditions_and_decisions_are_stated(
     found["accuracy_acceptance"] = {**limits, "decision": "inconclusive", "datasheet_accuracy_mm": 0.5}
     conditions = {"load_kg": 5.0, "speed_percent": 100.0, "temperature_c": 21.5, "warm_up_min": 60.0}
     document["subject"]["conditions"] = {**conditions, "operator": "R. Meier", "notes": None}
+    certified = {"pitch_x_mm": 20.004, "pitch_y_mm": 20.002}
     document["inputs"]["targets"][0] |= {
         "pitch_standard_uncertainty_mm": 0.001,
-        "certificate": {"number": "K 12", "laboratory": "Example"},
+        "certificate": {
+            **{"number": "K 12", "laboratory": "Example", **certified},
+            "standard_uncertainty": dict.fromkeys([*certified, "squareness_mrad"], 0.0005),
+        },
     }
     root = validate(document)
+    lengths = {one.get("refType"): one for one in root.iter(f"{DCC}measuringEquipmentQuantity")}
+    for key, value in certified.items():
+        stated = [lengths[f"gridpose_{key}"].findtext(f".//{SI}{name}") for name in ("value", "uncertainty")]
+        assert [float(one or "") for one in stated] == pytest.approx([value, 1.96 * 0.0005], rel=1e-4)
     name = f"Pose {found['poses'][0]['pose_id']}"
     assert number(quantity(root, name, "gridpose_accuracy.ap_p_mm"), "value") == 0.2
     assert [one.text for one in root.iter(f"{DCC}conformity")] == ["fail"]

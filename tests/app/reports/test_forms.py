@@ -49,6 +49,22 @@ def test_a_report_says_that_its_cycles_are_means_of_several_images() -> None:
         assert "beyond it in orientation is in the floors" in text
 
 
+def test_a_report_states_what_certifies_its_target_and_how_well() -> None:
+    document = archived_report("repeatability")
+    u = {"pitch_x_mm": 0.0005, "pitch_y_mm": 0.0007, "squareness_mrad": 0.02}
+    lengths = {"pitch_x_mm": 20.0012, "pitch_y_mm": 19.9995, "squareness_mrad": 0.1}
+    at = {"temperature_c": 20.0, "expansion_per_k": 8.5e-6}
+    certificate = {"number": "K 7", "laboratory": None, **lengths, **at, "standard_uncertainty": u}
+    document["inputs"]["targets"][0]["certificate"] = certificate
+    document["subject"]["conditions"] = {"temperature_c": 23.0}
+    text = render_forms(document, {}, CompanyTemplate())["html"].decode()
+    assert "x 20.0012 mm, u = 0.0005 mm; y 19.9995 mm, u = 0.0007 mm" in text
+    assert "20 °C, 8.5e-06 a kelvin; taken to 23 °C" in text
+    certificate |= {"points_mm": [[0.0, 0.0, 0.0]] * 140, "points_standard_uncertainty_mm": 0.001}
+    text = render_forms(document, {}, CompanyTemplate())["html"].decode()
+    assert "140, u = 0.001 mm along each axis" in text
+
+
 @pytest.mark.parametrize(
     ("name", "unit"),
     [

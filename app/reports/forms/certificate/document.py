@@ -96,7 +96,16 @@ def _target(target: Json) -> Element:
     if certificate.get("number"):
         laboratory = certificate.get("laboratory") or "laboratory not stated"
         numbers.append(("calibrationLaboratory", certificate["number"], f"certificate of {laboratory}"))
-    pitch = figure("Pitch", "pitch_mm", target["pitch_mm"], u=target["pitch_standard_uncertainty_mm"] or None)
+    lengths = figure(
+        "Pitch", "pitch_mm", target["pitch_mm"], u=target["pitch_standard_uncertainty_mm"] or None
+    )
+    if certificate.get("points_mm") is not None:
+        name = "points_standard_uncertainty_mm"
+        lengths += figure("Standard uncertainty of certified points along each axis", name, certificate[name])
+    elif certificate.get("standard_uncertainty") is not None:
+        for axis in "xy":
+            name, key = f"Certified pitch along {axis}", f"pitch_{axis}_mm"
+            lengths += figure(name, key, certificate[key], u=certificate["standard_uncertainty"][key] or None)
     return named(
         "dcc:measuringEquipment",
         f"Printed target {target['name']}",
@@ -115,7 +124,7 @@ def _target(target: Json) -> Element:
                 for by, value, of in numbers
             ),
         ),
-        element("dcc:measuringEquipmentQuantities", *(_as_equipment(one) for one in pitch)),
+        element("dcc:measuringEquipmentQuantities", *(_as_equipment(one) for one in lengths)),
     )
 
 

@@ -177,7 +177,14 @@ def _distances(found: Json, totals: Totals, level: float) -> list[Element]:
         total = totals.get(("distances.ad_mm", *ends))
         quantities = [
             *figure("Cycles", "cycles", one["cycles"]),
-            *figure("Mean distance", "mean_mm", one["mean_mm"], u=one["standard_uncertainty_mm"]),
+            *figure(
+                "Mean distance",
+                "mean_mm",
+                one["mean_mm"],
+                u=one["standard_uncertainty_mm"],
+                # What was commanded is exact: the mean is as uncertain as AD. Without a command, by its cycles.
+                k=total["coverage_factor"] if total is not None else coverage_factor(one["cycles"] - 1),
+            ),
             *figure(
                 "AD (ISO 9283:1998, 7.3)",
                 "ad_mm",
