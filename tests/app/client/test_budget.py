@@ -45,8 +45,13 @@ def test_inputs_totals_and_the_check(capsys: pytest.CaptureFixture[str]) -> None
     text = capsys.readouterr().out
     assert text.count("AD P1-P[2]") == 3
     assert "RP_l" not in text
-    assert "0.1000 ± 0.059 mm" in text
+    words = " ".join(text.replace("│", " ").split())
+    assert "0.0400 to 0.1600" in words  # RP_l and AP are skewed: value ± U is not their interval
+    assert "U = 0.059" in words
+    assert "±" not in text
     assert "100%" in text
     assert "0.0410 to 0.1590 mm; agrees" in text
     print_budget([], [])
     assert "No figure has a budget" in capsys.readouterr().out
+    print_budget([], [{**TOTAL, "figure": "noise_floor.rp_l_mm", "interval_mm": None}])
+    assert "0.1000 ± 0.059 mm" in capsys.readouterr().out

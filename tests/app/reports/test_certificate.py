@@ -140,6 +140,7 @@ def test_repeatability_without_the_outliers_is_a_quantity_of_its_own(
         assert number(quantity(root, name, f"gridpose_{part}.rp_l_mm"), "value") == value
     assert "cycles: without cycle 3; n: 4" in texts(root)
     assert "Uncertainty budget (GUM)" in texts(root)
+    assert "Quote the interval." in texts(root)
 
 
 def test_parameters_that_are_not_determined_have_no_quantity(

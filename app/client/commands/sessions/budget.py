@@ -88,11 +88,11 @@ def print_budget(inputs: list[Json], totals: list[Json]) -> None:
                 f"{one['share']:.0%}",
             )
         combined = (
-            f"[bold]{escape(name)}: {total['value_mm']:.4f} ± {total['expanded_uncertainty_mm']:.2g} mm[/]",
+            f"[bold]{escape(name)}: {_stated(total)}[/]",
             "combined",
             "",
             f"k = {total['coverage_factor']:.2f}",
-            "",
+            f"U = {total['expanded_uncertainty_mm']:.2g} mm",
             "",
             f"{total['standard_uncertainty_mm']:.2g}",
             _freedom(total),
@@ -110,6 +110,14 @@ def print_budget(inputs: list[Json], totals: list[Json]) -> None:
             f"{escape(_name(total))}: {check['trials']:,} draws give {low:.4f} to {high:.4f} mm; {verdict} "
             f"({check['difference_mm']:.2g} mm off, tolerance {check['tolerance_mm']:.2g} mm)."
         )
+
+
+def _stated(total: Json) -> str:
+    """Return a figure with its interval, which is not symmetric; with U where it has none."""
+    if total["interval_mm"] is None:
+        return f"{total['value_mm']:.4f} ± {total['expanded_uncertainty_mm']:.2g} mm"
+    low, high = total["interval_mm"]
+    return f"{total['value_mm']:.4f} mm, 95 % interval {low:.4f} to {high:.4f} mm"
 
 
 def _name(one: Json) -> str:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from app.reports.forms.blocks import Block, heading, number, table, with_interval
+from app.reports.forms.blocks import Block, heading, number, paragraph, table, with_interval
 from app.reports.forms.wording import Json, words
+
+_SKEWED = (
+    "RP_l of few cycles and AP_p near its uncertainty are skewed: value ± U then holds the figure less often than k "
+    "says, and misses it where the robot is worse. Quote the interval."
+)
 
 
 def budget_blocks(found: Json) -> list[Block]:
@@ -11,7 +16,7 @@ def budget_blocks(found: Json) -> list[Block]:
     totals = [
         [
             _of(one),
-            with_interval(one["value_mm"], one.get("interval_mm"))[0],
+            *with_interval(one["value_mm"], one.get("interval_mm")),
             number(one["standard_uncertainty_mm"], one["standard_uncertainty_mm"]),
             _freedom(one["degrees_of_freedom"]),
             number(one["coverage_factor"], places=2),
@@ -31,12 +36,14 @@ def budget_blocks(found: Json) -> list[Block]:
         for one in found.get("budget", ())
     ]
     columns = ("figure", "source", "type", "u, mm", "degrees of freedom", "share")
+    level = found["confidence_level"]
     blocks = [
         *table(
             "Combined and expanded uncertainties, mm: U = k u",
-            ("figure", "value", "u", "degrees of freedom", "k", "U"),
+            ("figure", "value", f"{100.0 * level:g} % interval", "u", "degrees of freedom", "k", "U"),
             totals,
         ),
+        *([paragraph(_SKEWED)] if totals else []),
         *table("What each uncertainty is made of", columns, inputs, text_columns=3),
     ]
     return [heading("Uncertainty budget (GUM)"), *blocks] if blocks else []
