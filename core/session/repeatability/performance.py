@@ -41,7 +41,7 @@ from core.session.repeatability.withheld import (
 from core.session.visits import cycles_of, mean_common
 
 MAX_PAIRS = 45
-"""All pairs of ten poses; of more poses, each with the next."""
+"""All pairs of ten poses; of more, all of ten commands, and of more commands each with the next."""
 SAME_TURN = math.radians(0.001)
 
 
@@ -108,7 +108,9 @@ def _distances(
     one_camera: bool,
 ) -> list[PoseDistance]:
     poses = list(readings)
-    truncated = len(poses) * (len(poses) - 1) // 2 > MAX_PAIRS
+    if math.comb(len(poses), 2) > MAX_PAIRS:
+        poses = _one_of_each_command(readings, commanded)
+    truncated = math.comb(len(poses), 2) > MAX_PAIRS
     pairs = list(pairwise(poses))[:MAX_PAIRS] if truncated else list(combinations(poses, 2))
     numbered = {pose_id: _by_cycle(visits) for pose_id, visits in readings.items()}
     cycles = {pose_id: cycles_of(visits) for pose_id, visits in readings.items()}
@@ -156,6 +158,17 @@ def _distances(
     if not distances and len(poses) > 1:
         warnings.append(distances_unavailable(lacks, one_camera=one_camera))
     return distances
+
+
+def _one_of_each_command(
+    readings: Mapping[str, Sequence[MeasuredPose]], commanded: Mapping[str, CommandedPose]
+) -> list[str]:
+    """Return the first pose of each command, as of several approaches, and those of unknown command."""
+    found: dict[Hashable, str] = {}
+    for pose_id, visits in readings.items():
+        key = command_key(commanded[pose_id]) if pose_id in commanded else None
+        found.setdefault(pose_id if key is None else (visits[0].frame, key), pose_id)
+    return list(found.values())
 
 
 def _lack(

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from core.session.model import MeasuredPose
+from core.session.model import CommandedPose, MeasuredPose
 from core.session.repeatability.performance import assess_performance
 
 PLACES = {"P1": (0.0, 0.0, 0.0), "P2": (80.0, 0.0, 0.0), "P3": (0.0, 90.0, 0.0)}
@@ -86,3 +86,20 @@ def test_of_many_poses_the_pairs_that_have_a_distance_are_counted_and_the_others
     assert "the 11 pairs of successive ones" in warning.detail
     assert "between 2 of these pairs. P3-P4, " in warning.detail
     assert "fewer than two visits that count" in warning.detail
+
+
+def test_directions_of_approach_take_no_distance_between_test_poses() -> None:
+    """A test by ISO 9283 with three directions has 18 poses; its distance is that from P2 to P4 (7.3)."""
+    names = [f"P{k}" for k in range(1, 6)]
+    measured, commanded = {}, {}
+    for name in names:
+        place = {**PLACES, **FURTHER}[name]
+        for way in (None, "x", "y", "z") if name in ("P1", "P2", "P4") else (None,):
+            pose_id = name if way is None else f"{name}_from_{way}"
+            measured[pose_id] = visits(name)
+            commanded[pose_id] = CommandedPose(list(place), 0.0, 0.0, 0.0, approach=way)
+    found = assess_performance(measured, measured, commanded)
+    ends = [(one.from_pose_id, one.to_pose_id) for one in found.distances]
+    assert ends == [(a, b) for k, a in enumerate(names) for b in names[k + 1 :]]
+    assert len(found.approaches) == 3
+    assert not [one for one in found.warnings if one.code.startswith("distance")]
