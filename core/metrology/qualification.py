@@ -3,7 +3,8 @@
 A length is the distance of two mean positions; its error is what is measured less the calibrated length. The
 uncertainty of the test value is the calibrated length's and that of the means, and nothing of the instrument's own:
 print, lens and temperature are what the test is about. A limit (maximum permissible error) is kept where every error
-and its 95 % uncertainty lie within it, exceeded where one lies beyond it.
+and its 95 % uncertainty lie within it, exceeded where one lies beyond it. One of m is enough for that, so that each is
+judged at the m-th part of the risk, as poses are in `acceptance`.
 
 The scale is the slope of the errors over the lengths, by generalised least squares: lengths that begin at one pose have
 the error of its mean in common. What the visits scatter is taken as one of all poses, and drawn towards one that is
@@ -55,12 +56,15 @@ class KnownLength:
 
 @dataclass(frozen=True, slots=True)
 class LengthError:
-    """Error of one length, mm: measured less calibrated, with the test value's uncertainty and its 95 % interval."""
+    """Error of one length, mm: measured less calibrated, with the test value's uncertainty, its effective degrees of
+    freedom and its 95 % interval.
+    """
 
     known: KnownLength
     measured_mm: float
     error_mm: float
     standard_uncertainty_mm: float
+    degrees_of_freedom: float
     interval_mm: tuple[float, float]
 
 
@@ -160,7 +164,7 @@ def _compared(known: KnownLength, first: PoseCycles, second: PoseCycles) -> Leng
         measured - known.length_mm,
         math.sqrt(variance) * float(stdtrit(freedom, 0.5 + CONFIDENCE / 2.0)),
     )
-    return LengthError(known, measured, error, math.sqrt(variance), (error - half, error + half))
+    return LengthError(known, measured, error, math.sqrt(variance), freedom, (error - half, error + half))
 
 
 def _variance_of_mean(cycles: PoseCycles, direction: np.ndarray) -> tuple[float, float]:
@@ -177,7 +181,13 @@ def _variance_of_mean(cycles: PoseCycles, direction: np.ndarray) -> tuple[float,
 
 
 def _decided(errors: Sequence[LengthError], limit_mm: float) -> Decision:
-    if any(low > limit_mm or high < -limit_mm for low, high in (one.interval_mm for one in errors)):
+    part = (1.0 - CONFIDENCE) / (2.0 * len(errors))
+    if any(abs(one.error_mm) - _half_width(one, part) > limit_mm for one in errors):
         return Decision.FAIL
     within = all(-limit_mm <= low and high <= limit_mm for low, high in (one.interval_mm for one in errors))
     return Decision.PASS if within else Decision.INCONCLUSIVE
+
+
+def _half_width(one: LengthError, risk: float) -> float:
+    """Return by how much the error is exceeded with this risk, mm."""
+    return one.standard_uncertainty_mm * float(stdtrit(one.degrees_of_freedom, 1.0 - risk))

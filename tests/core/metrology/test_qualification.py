@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -52,6 +53,22 @@ def test_a_limit_is_decided_on_with_the_uncertainty_of_the_test_value(
     low, high = found.errors[0].interval_mm
     assert (low, high) == pytest.approx((error - 1.96 * 0.005, error + 1.96 * 0.005), abs=1e-5)
     assert qualify([(known, at(0.0), at(100.0))]).decision is None
+
+
+def test_many_lengths_at_the_limit_fail_no_more_often_than_one() -> None:
+    """Ten lengths between five poses, all exactly at the limit, ten visits, 300 times: at the whole risk each, 18 %."""
+    rng = np.random.default_rng(2)
+    places = np.array([[0, 0, 0], [100, 100, 100], [-100, 100, 100], [-100, -100, -100], [100, -100, -100.0]])
+    failed = []
+    for _ in range(300):
+        poses = [PoseCycles(place + rng.normal(0.0, 0.05, (10, 3))) for place in places]
+        lengths = []
+        for i, j in combinations(range(5), 2):
+            true = float(np.linalg.norm(places[i] - places[j])) - 0.1
+            known = KnownLength(f"P{i}", f"P{j}", true + rng.normal(0.0, 0.01), 0.01)
+            lengths.append((known, poses[i], poses[j]))
+        failed.append(qualify(lengths, 0.1).decision is Decision.FAIL)
+    assert np.mean(failed) < 0.025 + 3.0 * math.sqrt(0.025 * 0.975 / 300)
 
 
 def test_intervals_of_errors_hold_with_few_visits() -> None:

@@ -77,7 +77,8 @@ class QualificationAnalysis(EstimatedAnalysis):
     decision: Annotated[
         AcceptanceDecision | None,
         Field(
-            description="`pass`: every interval lies within the limit; `fail`: one lies beyond it; null without a "
+            description="`pass`: every interval lies within the limit; `fail`: one lies beyond it, of m lengths "
+            "at the m-th part of the risk; null without a "
             "limit."
         ),
     ]
