@@ -7,7 +7,7 @@ from app.reports.forms.wording import Json, words
 
 _SKEWED = (
     "RP_l of few cycles and AP_p near its uncertainty are skewed: value ± U then holds the figure less often than k "
-    "says, and misses it where the robot is worse. Quote the interval."
+    "says, and where it misses RP_l the robot is mostly worse. Quote the interval."
 )
 
 
