@@ -54,7 +54,13 @@ def test_a_report_states_what_certifies_its_target_and_how_well() -> None:
     u = {"pitch_x_mm": 0.0005, "pitch_y_mm": 0.0007, "squareness_mrad": 0.02}
     lengths = {"pitch_x_mm": 20.0012, "pitch_y_mm": 19.9995, "squareness_mrad": 0.1}
     at = {"temperature_c": 20.0, "expansion_per_k": 8.5e-6}
-    certificate = {"number": "K 7", "laboratory": None, **lengths, **at, "standard_uncertainty": u}
+    certificate: dict[str, Any] = {
+        "number": "K 7",
+        "laboratory": None,
+        **lengths,
+        **at,
+        "standard_uncertainty": u,
+    }
     document["inputs"]["targets"][0]["certificate"] = certificate
     document["subject"]["conditions"] = {"temperature_c": 23.0}
     text = render_forms(document, {}, CompanyTemplate())["html"].decode()
