@@ -3,6 +3,28 @@
   "use strict";
   const TOGETHER = 3, SHOWN = 300, ASKED = 500, TRIES = 6;
   const IMAGE = /\.(png|jpe?g|tiff?|bmp)$/i, POSE = /^[A-Za-z0-9_-][A-Za-z0-9._-]{0,127}$/;
+
+  // Poses, cycles and images of one stop from names, as `gridpose upload` reads them.
+  const BURST = "(?:burst|b)[-_]?(?<burst>[0-9]{1,4})";
+  const naming = (cycle, gap) => new RegExp("^" + cycle + "(?:" + gap + BURST + ")?$", "i");
+  const MARKED = naming("(?<name>.*?)(?:^|[-_. ])(?:cycle|c)[-_]?(?<cycle>[0-9]{1,10})", "[-_. ]?");
+  const NUMBERED = naming("(?<name>.+)_(?<cycle>[0-9]{1,10})", "[-_. ]"), NUMBER = naming("(?<cycle>[0-9]{1,10})", "[-_. ]");
+  function usualTag(folders, stem, isOneFolder) {
+    const marked = stem.match(MARKED), folder = folders.at(-1), number = stem.match(NUMBER);
+    const tag = (pose, { groups } = { groups: {} }) => [pose, groups.cycle ? Number(groups.cycle) : null, groups.burst ? Number(groups.burst) : null];
+    if (folders.length > (isOneFolder ? 1 : 0)) return tag(folder, marked || number || undefined);
+    if (folder && (number || (marked && !marked.groups.name))) return tag(folder, number || marked);
+    const split = marked || stem.match(NUMBERED);
+    return split && split.groups.name ? tag(split.groups.name, split) : tag(stem);
+  }
+  const LETTERS = { ä: "ae", ö: "oe", ü: "ue", Ä: "Ae", Ö: "Oe", Ü: "Ue", ß: "ss", ø: "oe", Ø: "Oe", æ: "ae", Æ: "Ae", å: "aa", Å: "Aa", ł: "l", Ł: "L" };
+  function legalPose(text) {
+    if (POSE.test(text)) return text;
+    const plain = text.normalize("NFC").replace(/[äöüÄÖÜßøØæÆåÅłŁ]/g, (letter) => LETTERS[letter]).normalize("NFKD").replace(/\p{Mn}/gu, "");
+    const legal = plain.replace(/[^A-Za-z0-9._-]+/g, "-").replace(/^-+|-+$/g, "").replace(/^\.+/, "");
+    return POSE.test(legal) ? legal : text;
+  }
+
   document.addEventListener("DOMContentLoaded", function () {
     const place = document.getElementById("upload");
     place.hidden = false;
@@ -14,29 +36,32 @@
 
     // Natural order, so that image 10 comes after image 9: cycles follow it.
     const order = new Intl.Collator("en", { numeric: true });
-    const clean = (text) => text.replace(/[^A-Za-z0-9._-]+/g, "_").replace(/^\.+/, "").slice(0, 128);
     function assign() {
-      const pattern = rule.elements.pattern.value, counted = new Map();
+      const pattern = rule.elements.pattern.value, counted = new Map(), given = new Map();
+      // The folder chosen is no pose: its sub-folders are, and so are several that were chosen.
+      const isOneFolder = new Set(files.map((one) => one.path.split("/")).filter((parts) => parts.length > 1).map((parts) => parts[0])).size < 2;
       document.getElementById("one-pose").hidden = pattern !== "one";
       files.sort((a, b) => order.compare(a.path, b.path));
       for (const one of files) {
-        const parts = one.path.split("/"), stem = parts[parts.length - 1].replace(IMAGE, ""), folder = parts.length > 1 ? parts[parts.length - 2] : "";
-        let pose = "", cycle = null;
-        if (pattern === "one") pose = rule.elements.pose.value.trim();
-        else if (pattern === "name") pose = clean(stem);
-        else if (pattern === "folder") pose = clean(folder || stem);
-        else {
-          const named = stem.match(/^(.+?)[_-](?:c(?:ycle)?[_-]?)?(\d+)$/i);
-          if (/^(?:c(?:ycle)?[_-]?)?\d+$/i.test(stem) && folder) { pose = clean(folder); cycle = Number(stem.match(/\d+/)[0]); }
-          else if (named) { pose = clean(named[1]); cycle = Number(named[2]); }
-          else pose = clean(parts.length > 2 ? folder : stem);
-        }
-        if (cycle === 0) cycle = null;
+        const folders = one.path.split("/"), stem = folders.pop().replace(IMAGE, "");
+        let named = stem, cycle = null, burst = null;
+        if (pattern === "one") named = rule.elements.pose.value.trim();
+        else if (pattern === "folder") named = folders.at(-1) || stem;
+        else if (pattern === "auto") [named, cycle, burst] = usualTag(folders, stem, isOneFolder);
+        const pose = legalPose(named);
+        if (!given.has(pose)) given.set(pose, named);
         if (cycle === null && (pattern === "folder" || pattern === "one")) { cycle = (counted.get(pose) || 0) + 1; counted.set(pose, cycle); }
-        one.pose = pose; one.cycle = cycle;
-        if (!one.done) one.state = POSE.test(pose) ? (one.file.size > limit ? "too large" : one.file.size ? "to send" : "empty") : "no pose";
+        Object.assign(one, { pose, cycle, burst, label: pose === named ? "" : named });
+        if (!one.done) one.state = problem(one, given.get(pose), named) || "to send";
       }
       show();
+    }
+    function problem({ file, pose, cycle, burst }, first, named) {
+      if (!POSE.test(pose)) return "no pose: it takes letters a to z, digits, . _ and -";
+      if (first !== named) return "no pose of its own: " + first + " is " + pose + ", too";
+      if (cycle === 0) return "cycle 0: cycles count from 1";
+      if (burst === 0) return "image 0: the images of a stop count from 1";
+      return file.size > limit ? "too large" : file.size ? "" : "empty";
     }
     function show() {
       const ready = files.filter((one) => one.state === "to send"), poses = new Set(files.map((one) => one.pose));
@@ -48,7 +73,7 @@
       const shown = [...files.filter(isOdd), ...files.filter((one) => !isOdd(one))].slice(0, SHOWN);
       rows.replaceChildren(...shown.map(function (one) {
         const row = document.createElement("tr");
-        for (const [at, text] of [one.path, one.pose || "–", one.cycle === null ? "–" : String(one.cycle), (one.file.size / 1e6).toFixed(2) + " MB", one.why ? (one.state === "to send" ? "to send again" : one.state) + ": " + one.why : one.state].entries()) {
+        for (const [at, text] of [one.path, one.pose || "–", one.cycle === null ? "–" : one.cycle + (one.burst ? ", image " + one.burst : ""), (one.file.size / 1e6).toFixed(2) + " MB", one.why ? (one.state === "to send" ? "to send again" : one.state) + ": " + one.why : one.state].entries()) {
           const cell = document.createElement(at ? "td" : "th");
           if (!at) cell.scope = "row";
           const text_ = document.createElement("bdi");
@@ -138,6 +163,9 @@
             for (let one; !isPaused && (one = queue.shift()); ) {
               const query = new URLSearchParams({ filename: one.file.name, focus_group: rule.elements.focus_group.value.trim() || "default" });
               if (one.cycle !== null) query.set("cycle", one.cycle);
+              if (one.burst) query.set("burst", one.burst);
+              const label = one.label.replace(/\p{C}/gu, "").slice(0, 200);
+              if (label) query.set("pose_label", label);
               try {
                 const answer = await insist(() => gridpose.send("PUT", "/v1/sessions/" + session + "/poses/" + encodeURIComponent(one.pose) + "/images/" + one.sha256 + "?" + query, one.file, { "Content-Type": "application/octet-stream" }));
                 one.done = true;
