@@ -24,7 +24,7 @@ NAMED = (
 )
 NAMED += ("P4_0003.png", "P4-c4.png", "P4_5-b2.png", "P5-3.png", "Größe 1/1.png", "łódź/cycle_2.png")
 REFUSED = ("Groesse-1/1.png", "שלום/1.png", "P6/0.png")
-"""Two names that would be one pose, one of which nothing is legal, and a cycle that is none."""
+"""Two names that would be one pose, one of which nothing is legal, and a cycle of number 0."""
 
 
 def test_a_folder_has_the_poses_that_the_command_gives_it(
