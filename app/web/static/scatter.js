@@ -112,6 +112,7 @@
     form.addEventListener("change", () => { zoom = 1; draw(); });
     form.addEventListener("submit", (event) => event.preventDefault());
     document.addEventListener("gridpose:theme", draw);
+    matchMedia("print").addEventListener("change", draw); // paper is white
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
     // As many pixels as the screen shows, so that letters keep their size.
     function resize() {
