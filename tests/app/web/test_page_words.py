@@ -11,6 +11,7 @@ import pytest
 
 from app.jobs.process_image import _CORRECTION
 from app.web.page_words import linked, named, next_page, next_page_here, on_pages
+from app.web.pages import environment
 from app.web.routes.measurements import camera_meaning
 from app.web.words import ESTIMATORS
 from core.errors import (
@@ -78,6 +79,21 @@ def test_an_advice_is_in_the_words_of_the_pages(advice: str, shown: str) -> None
 )
 def test_a_field_has_the_name_that_pages_give_it(field: str, words: str) -> None:
     assert named(field) == words
+
+
+@pytest.mark.parametrize(
+    ("figure", "shown"),
+    [
+        ("RP_l", "RP<sub>l</sub>"),
+        ("noise floor", "noise floor"),
+        ("alpha_deg", "α"),
+        ("fx_px", "fx"),
+        ("a_mm", "a"),
+    ],
+)
+def test_a_figure_of_histories_has_no_unit_in_its_name(figure: str, shown: str) -> None:
+    macros = cast("Any", environment().get_template("_macros.html").module)
+    assert macros.symbol(figure) == shown
 
 
 def test_ids_are_links_by_the_name_that_the_page_knows() -> None:
