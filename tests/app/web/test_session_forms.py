@@ -8,8 +8,8 @@ from typing import Any
 from tests.support.service.signed_in import signed_in
 
 
-def page(api: Any, address: str) -> str:
-    response = api.client.get(f"/ui/sessions/{address}", headers=signed_in(api))
+def page(api: Any, address: str, scope: str = "admin") -> str:
+    response = api.client.get(f"/ui/sessions/{address}", headers=signed_in(api, scope))
     assert response.status_code == 200, response.text
     return str(response.text)
 
@@ -48,3 +48,15 @@ def test_a_target_is_ticked_where_it_is_the_only_one_or_asked_for(api: Any) -> N
     assert ticked(page(api, "new")) == []
     assert ticked(page(api, f"new?target={first}")) == [first]
     assert ticked(page(api, f"new?target={second}")) == [second]
+
+
+def test_a_key_that_only_reads_is_shown_no_form_that_it_may_not_send(api: Any) -> None:
+    session_id, target_id = api.make_session(), api.make_target()
+    for tail in ("change", "upload"):
+        for scope, is_shown in (("read", False), ("upload", True)):
+            shown = page(api, f"{session_id}/{tail}", scope)
+            assert ("Your key only reads" not in shown) is is_shown
+            assert ('class="button primary"' in shown or 'class="primary"' in shown) is is_shown
+    for scope, is_shown in (("read", False), ("upload", True)):
+        shown = page(api, f"../targets/{target_id}", scope)
+        assert ("New session with this target" in shown) is is_shown

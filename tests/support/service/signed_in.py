@@ -8,7 +8,7 @@ from app.http import COOKIE, begin_sign_in
 from app.services.keys import create_key
 
 
-def signed_in(api: Any) -> dict[str, str]:
-    """Return the cookie of a browser that is signed in with a key of scope admin."""
-    key = create_key(api.installation, "browser", "admin").key
+def signed_in(api: Any, scope: str = "admin") -> dict[str, str]:
+    """Return the cookie of a browser that is signed in with a key of this scope."""
+    key = create_key(api.installation, "browser", scope).key
     return {"Authorization": "", "Cookie": f"{COOKIE}={begin_sign_in(api.installation, key)}"}
