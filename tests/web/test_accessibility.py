@@ -91,4 +91,6 @@ def test_pages_are_readable_without_scripts(cell: Cell, chromium: Any, open_page
     assert page.is_visible("td >> text=0")
     page.goto(f"/ui/measurements/{cell.refused_id}", wait_until="domcontentloaded")
     assert "What to do:" in page.inner_text("main")
+    page.goto(f"/ui/measurements/{cell.measurement_ids[0]}", wait_until="domcontentloaded")
+    assert not page.is_visible("text=The image is loading")
     context.close()

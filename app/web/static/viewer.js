@@ -10,6 +10,7 @@
   document.addEventListener("DOMContentLoaded", async function () {
     const viewer = document.getElementById("viewer");
     if (!viewer || viewer.dataset.viewable !== "yes") return;
+    viewer.querySelector(".loading").hidden = false;
     const image = new Image();
     image.src = viewer.dataset.image;
     let document_;
