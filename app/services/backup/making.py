@@ -31,6 +31,7 @@ from app.services.backup.damage import damage_advice, noted_backup
 from app.services.backup.latest import note_backup
 from app.services.backup.manifest import (
     FORMAT,
+    LEFT_BY_OTHERS,
     Manifest,
     claim_folder,
     copy_verified,
@@ -246,7 +247,7 @@ class _Making:
 
     def _remove_all_but(self, manifest: Manifest, named: set[str]) -> None:
         """Remove what only an earlier backup, or an interrupted one, consisted of."""
-        for path in (*self._folder.glob("database-*"), *self._folder.glob("key-pepper-*")):
+        for path in (path for pattern in LEFT_BY_OTHERS for path in self._folder.glob(pattern)):
             if path.name not in (manifest.database, manifest.pepper):
                 path.unlink(missing_ok=True)
         for path in self._originals.glob("*/*"):

@@ -15,6 +15,8 @@ from app.records.privacy import OF_THE_FILE_SYSTEM
 FORMAT = 1
 _CHUNK = 1024 * 1024
 MANIFEST, _OWNER = "manifest.json", "backup-of.json"
+LEFT_BY_OTHERS = ("database-*", "key-pepper-*", f"{MANIFEST}.*", f"{_OWNER}.*")
+"""What an earlier backup, or an interrupted one, may have left; the manifest's own files are among the first two."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,7 +94,11 @@ def claim_folder(folder: Path, installation_id: str) -> None:
             f"{folder} holds a backup of another installation, {named}.",
             "Name another folder: one for each installation.",
         )
-    if folder.exists() and any(path.name not in OF_THE_FILE_SYSTEM for path in folder.iterdir()):
+    # A process that was killed as it wrote the owner's file leaves its beginning under a longer name.
+    if folder.exists() and any(
+        path.name not in OF_THE_FILE_SYSTEM and not path.name.startswith(f"{_OWNER}.")
+        for path in folder.iterdir()
+    ):
         raise BackupRefused(
             "backup_foreign",
             f"{folder} is neither empty nor a backup.",

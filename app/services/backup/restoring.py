@@ -39,6 +39,13 @@ from app.services.installation.identity import Identity, write_identity
 from app.settings import Settings
 
 _NO_CONTENT = OF_THE_FILE_SYSTEM | {"head.lock", "runner.lock", "migrate.lock"}
+_UNFINISHED = (
+    "restoring.sqlite3*",
+    "originals/*/*.partial",
+    f"{RESTORING}.*",
+    "key-pepper.*",
+    "installation.json.*",
+)
 _SHOWN = 10
 
 
@@ -193,7 +200,11 @@ def _require_stated_pepper(settings: Settings, row: Installation) -> None:
 def _require_empty(settings: Settings, database: Database | None, manifest: Manifest) -> None:
     """Raise BackupRefused unless folder and database are empty, or were being filled from this very backup."""
     resumed = _is_resumed(settings.data_dir, manifest)
-    found = sorted(path.name for path in settings.data_dir.iterdir() if path.name not in _NO_CONTENT)
+    found = sorted(
+        path.name
+        for path in settings.data_dir.iterdir()
+        if path.name not in _NO_CONTENT and not path.name.startswith(f"{RESTORING}.")
+    )
     if found and not resumed:
         raise BackupRefused(
             "restore_not_empty",
@@ -236,8 +247,9 @@ def _is_resumed(data_dir: Path, manifest: Manifest) -> bool:
 
 def _remove_unfinished(data_dir: Path) -> None:
     """Remove what an interrupted restore had not ended: it is made anew."""
-    for path in (*data_dir.glob("restoring.sqlite3*"), *data_dir.glob("originals/*/*.partial")):
-        path.unlink(missing_ok=True)
+    for pattern in _UNFINISHED:
+        for path in data_dir.glob(pattern):
+            path.unlink(missing_ok=True)
 
 
 def _require_room(settings: Settings, manifest: Manifest) -> None:

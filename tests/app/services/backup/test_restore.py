@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,27 @@ from app.services.keys import create_key, find_key, keys_in_force, revoke_key
 from app.settings import Settings
 from tests.support.service.backups import content, refused, upload
 from tests.support.service.originals import original_path
+
+_ON_LINUX = pytest.mark.skipif(sys.platform != "linux", reason="names of open files are in /proc")
+
+
+class _Killed(BaseException):
+    """The end of a process in the midst of something: nothing tidies up."""
+
+
+def _killed_before(name: str, do: Callable[[], object], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Do what ends when a file whose name begins so would be brought to the disk."""
+
+    def sync(descriptor: int) -> None:
+        if Path(f"/proc/self/fd/{descriptor}").readlink().name.startswith(name):
+            raise _Killed
+        fsync(descriptor)
+
+    fsync = os.fsync
+    with monkeypatch.context() as killed:
+        killed.setattr(os, "fsync", sync)
+        with pytest.raises(_Killed):
+            do()
 
 
 def test_what_is_restored_is_what_was_backed_up(
@@ -101,6 +125,36 @@ def test_a_damaged_backup_is_not_restored(api: Any, tmp_path: Path, part: str) -
     installation = ServiceContext.open(settings, init=False)
     assert content(installation.database) == content(api.installation.database)
     installation.close()
+
+
+@_ON_LINUX
+@pytest.mark.parametrize("name", ["backup-of.json", "key-pepper", "manifest.json"])
+def test_a_backup_that_ends_with_a_small_file_half_written_is_made_by_the_same_command(
+    api: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    folder = tmp_path / "backup"
+    _killed_before(name, lambda: make_backup(api.installation, folder), monkeypatch)
+    assert any(path.name.startswith(name) for path in folder.iterdir())
+    manifest = make_backup(api.installation, folder).manifest
+    assert {path.name for path in folder.iterdir()} == {
+        *("backup-of.json", "backup.lock", "manifest.json", "originals"),
+        *(manifest.database, manifest.pepper),
+    }
+
+
+@_ON_LINUX
+@pytest.mark.parametrize("name", ["restoring.json", "key-pepper", "installation.json"])
+def test_a_restore_that_ends_with_a_small_file_half_written_is_continued(
+    api: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    make_backup(api.installation, tmp_path / "backup")
+    settings = Settings(data_dir=tmp_path / "restored", workers=0)
+    _killed_before(name, lambda: restore_backup(tmp_path / "backup", settings), monkeypatch)
+    assert any(path.name.startswith(f"{name}.") for path in settings.data_dir.iterdir())
+    restore_backup(tmp_path / "backup", settings)
+    left = [path.name for path in settings.data_dir.iterdir() if path.name.startswith(f"{name}.")]
+    assert left == []
+    ServiceContext.open(settings, init=False).close()
 
 
 def test_only_an_empty_folder_that_nothing_uses_is_restored_into(api: Any, tmp_path: Path) -> None:
