@@ -16,7 +16,7 @@ MAX_AGE = timedelta(days=7)
 _NEW = timedelta(days=1)
 _MAX_CLOCK_STEP = timedelta(minutes=5)
 """How far a clock may be set back without a word."""
-_DAILY = "Run `gridpose backup DIR` daily, with DIR on another disk (docs/backup.md has the timer)."
+_DAILY = "Run `gridpose backup DIR` daily, with DIR on another disk (docs/operations.md has the timer)."
 
 
 def check(settings: Settings) -> Iterator[CheckResult]:

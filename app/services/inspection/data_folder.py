@@ -12,7 +12,7 @@ from pathlib import Path
 import sqlalchemy as sa
 from sqlalchemy.exc import DBAPIError
 
-from app.errors import InstallationRefused, ServiceError
+from app.errors import InstallationRefused, ServiceError, StorageFull, refusal_of
 from app.records.database import Database
 from app.records.privacy import exposed
 from app.records.tables import ApiKey, Installation
@@ -27,6 +27,10 @@ _NETWORK_FILE_SYSTEMS = frozenset(
     {"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "afs", "fuse.sshfs", "ncpfs"}
 )
 _MAX_SYNC_S = 0.1
+_FULL = (
+    "Remove other files from that disk, or enlarge it; then delete sessions through the service, never files of this "
+    'folder by hand (docs/operations.md, "A full disk").'
+)
 
 
 def check(settings: Settings) -> Iterator[CheckResult]:
@@ -115,9 +119,10 @@ def _writable(folder: Path) -> CheckResult:
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
+        is_full = isinstance(refusal_of(error), StorageFull)
         return failed(
             f"cannot be written: {error.strerror or error}",
-            "Give it to the user the service runs as (chown), or free space.",
+            _FULL if is_full else "Give it to the user the service runs as (chown).",
         )
     seconds = time.perf_counter() - started
     if seconds > _MAX_SYNC_S:
@@ -185,12 +190,12 @@ def _room(folder: Path, floor: int) -> CheckResult:
     if free < floor:
         return failed(
             f"{_size(free)} free, below the minimum of {_size(floor)}: uploads are refused",
-            "Free space on that disk, or lower GRIDPOSE_DISK_FLOOR_BYTES.",
+            _FULL,
         )
     if free < 4 * floor:
         return warn(
             f"{_size(free)} free; uploads are refused below {_size(floor)}",
-            "Free space on that disk before it is full.",
+            "Delete sessions through the service, or other files from that disk, before it is full.",
         )
     return ok(f"{_size(free)} free")
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import shutil
+import tempfile
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -12,7 +15,7 @@ import pytest
 
 from app.services.backup import make_backup, read_latest_backup
 from app.services.backup.latest import FILE_NAME
-from app.services.inspection import State, backups, database, inspect_quickly
+from app.services.inspection import State, backups, data_folder, database, inspect_quickly
 from app.services.installation.identity import Identity, read_identity, write_identity
 from app.services.keys import create_key, keys_in_force, revoke_key
 from tests.support.service.signed_in import signed_in
@@ -131,3 +134,26 @@ def test_a_read_only_disk_is_one_failure_that_says_how_to_save_the_data(
     (failure,) = [one for one in results if one.state is State.failed]
     assert "cp -a" in (failure.advice or "")
     assert not any("chown" in (one.advice or "") for one in results)
+
+
+def test_a_full_disk_is_advised_what_keeps_the_data(api: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The floor is what leaves the room to delete, files removed by hand are lost, and the owner is not at fault."""
+
+    def full(*_arguments: Any, **_options: Any) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    settings = api.installation.settings.model_copy(update={"disk_floor_bytes": 268_435_456})
+    usage = shutil.disk_usage(settings.data_dir)
+    monkeypatch.setattr(tempfile, "NamedTemporaryFile", full)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _folder: usage._replace(free=0))
+    failures = [one for one in data_folder.check(settings) if one.state is State.failed]
+    assert [one.detail.partition(":")[0] for one in failures] == [
+        "cannot be written",
+        "0 MB free, below the minimum of 268 MB",
+    ]
+    for one in failures:
+        assert one.advice is not None
+        assert one.advice.startswith("Remove other files from that disk, or enlarge it")
+        assert "by hand" in one.advice
+        assert "chown" not in one.advice
+        assert "GRIDPOSE_DISK_FLOOR_BYTES" not in one.advice
