@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.linalg.lapack import dtrtrs
+from scipy.linalg import solve_triangular
 
 from core.calibration.multi_view.linearisation import Linearised
 from core.calibration.multi_view.repeats.contrasts import (
@@ -200,9 +200,7 @@ def model_covariance(model: NoiseModel, pose: PoseContrasts, height_px: int) -> 
 
 def squared_sizes(V: Float[np.ndarray, "d d"], values: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
     """Return zᵀV⁻¹z of each row z of `values`."""
-    whitened, failed = dtrtrs(np.linalg.cholesky(V), values.T, lower=1)
-    if failed:
-        raise np.linalg.LinAlgError("The covariance of the contrasts has no inverse.")
+    whitened = solve_triangular(np.linalg.cholesky(V), values.T, lower=True, check_finite=False)
     return np.asarray(np.einsum("dn,dn->n", whitened, whitened))
 
 
