@@ -2,9 +2,10 @@
 
 On one pyramid level after the other, coarse to fine, corners are detected and linked to patches of lattice. Each
 patch is grown on the full image as far as it goes, and its ends are classified (`core.targets.lattice`). The search
-ends at the first level with every corner of the board. Fiducial dots (`fiducial_dots`) determine its origin, or else
-its colours do (`orientation`). If no level has the whole board, a partial view with fiducial dots serves
-(`partial_view`). Then the corners are refined (`core.targets.subpixel`).
+ends at the first level with every corner of the board; where none has the board, a still coarser one is looked at, for
+boards blurred by motion. Fiducial dots (`fiducial_dots`) determine its origin, or else its colours do (`orientation`).
+If no level has the whole board, a partial view with fiducial dots serves (`partial_view`). Then the corners are refined
+(`core.targets.subpixel`).
 
 Of several boards in view the one asked for is found if it alone has that size. Two of that size are a mismatch,
 unless one is so much smaller that it can only be a print or a reflection of a board.
@@ -12,7 +13,7 @@ unless one is so much smaller that it can only be a print or a reflection of a b
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +42,7 @@ from core.targets.lattice import (
     Level,
     Patches,
     Saddles,
+    blurred_levels,
     bounded,
     find_saddles,
     levels,
@@ -102,21 +104,28 @@ def trace_detection(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"],
     TargetMismatch
         Two boards of the size asked for are in view.
     """
+    image = _plain(image)
     steps: list[Step] = []
     best: Lattice | None = None
-    for step in _search(_plain(image)):
+    for step in _search(image, levels(image)):
         steps.append(step)
         lattice = _the_one(step.boards, target)
         if lattice is not None and (best is None or lattice.known.sum() > best.known.sum()):
             best = lattice
         if best is not None and best.known.all():
             break
+    if best is None:
+        for step in _search(image, blurred_levels(image)):
+            best = _the_one(step.boards, target)
+            if best is not None:  # otherwise too blurred to indicate the size
+                steps.append(step)
     return Trace(tuple(steps), best)
 
 
 def boards_in_view(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"]) -> tuple[Board, ...]:
     """Return the lattices of squares that an image shows, of any size; one may be returned twice, from two levels."""
-    return tuple(board for step in _search(_plain(image)) for board in step.boards)
+    image = _plain(image)
+    return tuple(board for step in _search(image, levels(image)) for board in step.boards)
 
 
 def _plain(image: np.ndarray) -> np.ndarray:
@@ -126,9 +135,9 @@ def _plain(image: np.ndarray) -> np.ndarray:
     return image.copy(order="C")
 
 
-def _search(image: np.ndarray) -> Iterator[Step]:
-    """Yield what each level shows, coarse to fine."""
-    for level in levels(image):
+def _search(image: np.ndarray, pyramid: Iterable[Level]) -> Iterator[Step]:
+    """Yield what each level shows."""
+    for level in pyramid:
         saddles = find_saddles(level)
         patches = link(saddles)
         yield Step(level, saddles, patches, _boards(image, level, saddles, patches))

@@ -36,17 +36,17 @@ def levels(image: Shaped[np.ndarray, "h w"]) -> Iterator[Level]:
     The finest is the half of a large image: squares of 8 px are 4 px there, enough to detect their corners.
     """
     finest = 0 if image.size <= _SMALL_PIXELS else 1
-    all_levels = [Level(image, 0)]
-    while all_levels[-1].halvings < 1 or max(all_levels[-1].image.shape) > _COARSEST_PX:
-        larger = all_levels[-1].image
-        height, width = larger.shape[0] // 2, larger.shape[1] // 2
-        if min(height, width) < 1:
-            break
-        smaller = cv2.resize(larger[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
-        all_levels.append(Level(smaller, all_levels[-1].halvings + 1))
-    for level in reversed(all_levels):
+    for level in reversed(_halved(image)):
         if level.halvings >= finest:
             yield level
+
+
+def blurred_levels(image: Shaped[np.ndarray, "h w"]) -> Iterator[Level]:
+    """Yield the level beyond those of `levels`, for corners of large squares that motion has blurred: along a square's
+    diagonal it joins two squares of one colour to a ridge as long as itself, in which a fine level has no saddle."""
+    smaller = _half(_halved(image)[-1])
+    if smaller is not None:
+        yield smaller
 
 
 def fine_levels(image: Shaped[np.ndarray, "h w"]) -> Iterator[Level]:
@@ -56,3 +56,23 @@ def fine_levels(image: Shaped[np.ndarray, "h w"]) -> Iterator[Level]:
         yield Level(image, 0)
     if image.size <= _MOST_DOUBLED:
         yield Level(cv2.resize(image, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC), -1)
+
+
+def _halved(image: Shaped[np.ndarray, "h w"]) -> list[Level]:
+    """Return the image and its halves, fine to coarse."""
+    halved = [Level(image, 0)]
+    while halved[-1].halvings < 1 or max(halved[-1].image.shape) > _COARSEST_PX:
+        smaller = _half(halved[-1])
+        if smaller is None:
+            break
+        halved.append(smaller)
+    return halved
+
+
+def _half(level: Level) -> Level | None:
+    """Return a level at half its size; None of a single row or column."""
+    height, width = level.image.shape[0] // 2, level.image.shape[1] // 2
+    if min(height, width) < 1:
+        return None
+    even = level.image[: 2 * height, : 2 * width]
+    return Level(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), level.halvings + 1)

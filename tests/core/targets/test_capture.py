@@ -13,6 +13,7 @@ from core.targets.image_quality.advice import advise
 from core.targets.image_quality.assessment import assess_capture, with_tilt
 from core.targets.image_quality.edge_kernel import BINS_PER_PX, REACH_PX, average_profiles
 from core.targets.quality_result import CaptureQuality
+from tests.support.image.view_flaws import trail
 from tests.support.simulation.renders import render_levels
 from tests.support.simulation.scenes import standard_scene
 
@@ -49,18 +50,6 @@ def taken(
         levels = cv2.filter2D(levels, -1, trail(motion_px, direction), borderType=cv2.BORDER_REPLICATE)
     noise = 3.0 * np.random.default_rng(seed).standard_normal(levels.shape)
     return np.clip(np.rint(gain * levels + noise), 0, 255).astype(np.uint8), scene.grid_points
-
-
-def trail(length_px: float, direction: float) -> np.ndarray:
-    """Return the kernel of a uniform motion about its middle."""
-    size = 2 * math.ceil(length_px) + 1
-    kernel = np.zeros((size, size), np.float32)
-    for way in np.linspace(-0.5, 0.5, 801) * length_px:
-        u, v = size // 2 + way * math.cos(direction), size // 2 + way * math.sin(direction)
-        i, j = math.floor(u), math.floor(v)
-        for du, dv in ((0, 0), (1, 0), (0, 1), (1, 1)):
-            kernel[j + dv, i + du] += (1 - abs(u - i - du)) * (1 - abs(v - j - dv))
-    return kernel / kernel.sum()
 
 
 @pytest.mark.parametrize("kind", SOME_TARGETS)

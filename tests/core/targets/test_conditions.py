@@ -17,6 +17,7 @@ from core.geometry.se3 import so3_exp, transform
 from core.simulation import Light, Scene
 from core.targets import TargetSpec, detect
 from core.targets.chessboard.detector import trace_detection
+from tests.support.image.view_flaws import trail
 from tests.support.simulation.renders import render
 from tests.support.targets.corner_errors import LARGEST_ERROR_PX, worst
 from tests.support.targets.drawn_boards import NINE_BY_SIX, checks, drawn_board
@@ -87,6 +88,21 @@ def test_squares_of_8_px(size_px: tuple[int, int], tilt_deg: float, blur_px: flo
 def test_blur(take: Take, tilt_deg: float, blur_px: float) -> None:
     scene, image = take(9, 6, seed=11, tilt_deg=tilt_deg, max_roll_deg=180.0, blur_px=blur_px)
     assert_found(image, scene, least=0.95)
+
+
+@pytest.mark.parametrize(
+    ("share", "seed"), [(0.3, 54), (0.35, 57), pytest.param(0.35, 59, marks=pytest.mark.slow)]
+)
+def test_motion_along_the_diagonal_of_the_squares(share: float, seed: int) -> None:
+    """Found where motion joins squares of one colour, and every corner in its place; `share` is of a diagonal."""
+    scene = small_squares(9, 6, 28.0, 20.0, (640, 480), seed, 0.8)
+    middle = scene.points_px.reshape(6, 9, 2)[2:4, 4:6]
+    across = middle[1, 1] - middle[0, 0]
+    sharp = render(dataclasses.replace(scene, noise_levels=0.0))
+    kernel = trail(share * math.hypot(*across), math.atan2(across[1], across[0]))
+    moved = cv2.filter2D(sharp, -1, kernel).astype(np.float64)
+    noise = np.random.default_rng(seed).normal(0.0, 1.0, moved.shape)
+    assert_found(np.clip(np.rint(moved + noise), 0, 255).astype(np.uint8), scene, least=0.9)
 
 
 @pytest.mark.parametrize("roll_deg", [0.0, 45.0, 90.0, 135.0, 180.0])

@@ -115,3 +115,15 @@ def taken(
         )
         changes.append("jpeg")
     return np.asarray(image)
+
+
+def trail(length_px: float, direction: float) -> Float[np.ndarray, "h w"]:
+    """Return the kernel of a uniform motion about its middle."""
+    size = 2 * math.ceil(length_px) + 1
+    kernel = np.zeros((size, size), np.float32)
+    for way in np.linspace(-0.5, 0.5, 801) * length_px:
+        u, v = size // 2 + way * math.cos(direction), size // 2 + way * math.sin(direction)
+        i, j = math.floor(u), math.floor(v)
+        for du, dv in ((0, 0), (1, 0), (0, 1), (1, 1)):
+            kernel[j + dv, i + du] += (1 - abs(u - i - du)) * (1 - abs(v - j - dv))
+    return kernel / kernel.sum()
