@@ -34,6 +34,8 @@ from core.numerics import REJECTION
 
 MIN_VIEWS_FOR_MEDIAN = 3
 """Images of a point from which on a gross error in one of them leaves the median alone."""
+_JUST_BEYOND = 1.001
+"""Times a distance over the rejection's: a median that is no less keeps the distance, whatever it is."""
 
 
 def find_repeats(views: ViewStack, labels: Int[np.ndarray, " m"] | None) -> list[Int[np.ndarray, " _"]]:
@@ -78,6 +80,15 @@ def inliers_of(
     return used
 
 
+@jit("f8[::1], f8")
+def median_up_to(values: Float[np.ndarray, " n"], most: float) -> float:
+    """Return the median, or `most` where more than half are no less: to count takes a tenth of a median's time."""
+    count = 0
+    for value in values:
+        count += value >= most
+    return most if 2 * count > len(values) else np.median(values)
+
+
 @jit("i8[::1], i8[::1], i8[::1], i8, f8[:, ::1], f8[::1], f8[::1], f8, f8, i8, b1[::1]")
 def judge_pose(
     pose: Int[np.ndarray, " k"],
@@ -101,20 +112,12 @@ def judge_pose(
     ends = np.cumsum(ends)
     place = ends[:-1].copy()
     points = np.empty(ends[cells], dtype=np.intp)
-    levels = np.empty(len(pose))
-    floors = np.empty(len(pose))
-    for j in range(len(pose)):
-        begin, end = first[pose[j]], first[pose[j] + 1]
-        distance = np.empty(end - begin)
-        for k in range(begin, end):
+    for i in pose:
+        for k in range(first[i], first[i + 1]):
             points[place[cell[k]]] = k
             place[cell[k]] += 1
-            distance[k - begin] = np.sqrt(residuals[0, k] ** 2 + residuals[1, k] ** 2) * root_weight[k]
-        floors[j] = smallest_noise_px * np.sqrt(median_weight[pose[j]])
-        levels[j] = max(np.median(distance), floors[j])
-    limit = rejection * np.median(levels)
     u, v = np.zeros(cells), np.zeros(cells)
-    common = np.zeros(cells, dtype=np.bool_)
+    systematic = np.zeros(cells)
     spared = np.zeros(cells)
     for c in range(cells):
         at = points[ends[c] : ends[c + 1]]
@@ -124,21 +127,34 @@ def judge_pose(
             u[c], v[c] = residuals[0, at[0]], residuals[1, at[0]]
         else:
             u[c], v[c] = np.median(residuals[0][at]), np.median(residuals[1][at])
-        systematic = np.sqrt(u[c] ** 2 + v[c] ** 2) * np.mean(root_weight[at])
-        common[c] = systematic <= limit
+        systematic[c] = np.sqrt(u[c] ** 2 + v[c] ** 2) * np.mean(root_weight[at])
         if len(at) >= enough:
-            spared[c] = systematic
-    for j in range(len(pose)):
-        begin, end = first[pose[j]], first[pose[j] + 1]
+            spared[c] = systematic[c]
+    largest = systematic.max()
+    levels = np.empty(len(pose))
+    for most in (_JUST_BEYOND * largest / rejection, np.inf):
+        for j in range(len(pose)):
+            begin, end = first[pose[j]], first[pose[j] + 1]
+            distance = np.sqrt(residuals[0, begin:end] ** 2 + residuals[1, begin:end] ** 2)
+            floor = smallest_noise_px * np.sqrt(median_weight[pose[j]])
+            levels[j] = max(median_up_to(distance * root_weight[begin:end], most), floor)
+        limit = rejection * np.median(levels)
+        if largest <= limit:
+            break
+    for i in pose:
+        begin, end = first[i], first[i + 1]
+        if begin == end:
+            continue
         deviation = np.empty(end - begin)
         for k in range(begin, end):
             c = cell[k]
             away = (residuals[0, k] - u[c]) ** 2 + (residuals[1, k] - v[c]) ** 2
             deviation[k - begin] = np.sqrt(away) * root_weight[k]
-        of_view = rejection * max(np.median(deviation), floors[j])
+        median = median_up_to(deviation, _JUST_BEYOND * deviation.max() / rejection)
+        of_view = rejection * max(median, smallest_noise_px * np.sqrt(median_weight[i]))
         for k in range(begin, end):
             c = cell[k]
-            used[k] = common[c] and deviation[k - begin] <= max(of_view, spared[c])
+            used[k] = systematic[c] <= limit and deviation[k - begin] <= max(of_view, spared[c])
 
 
 MIN_OVERLAP = 0.5
