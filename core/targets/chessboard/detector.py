@@ -2,10 +2,10 @@
 
 On one pyramid level after the other, coarse to fine, corners are detected and linked to patches of lattice. Each
 patch is grown on the full image as far as it goes, and its ends are classified (`core.targets.lattice`). The search
-ends at the first level with every corner of the board; where none has the board, a still coarser one is looked at, for
-boards blurred by motion. Fiducial dots (`fiducial_dots`) determine its origin, or else its colours do (`orientation`).
-If no level has the whole board, a partial view with fiducial dots serves (`partial_view`). Then the corners are refined
-(`core.targets.subpixel`).
+ends at the first level with every corner of the board; where none has a board of its size, a still coarser one is
+looked at, for boards blurred by motion. Fiducial dots (`fiducial_dots`) determine its origin, or else its colours do
+(`orientation`). If no level has the whole board, a partial view with fiducial dots serves (`partial_view`). Then the
+corners are refined (`core.targets.subpixel`).
 
 Of several boards in view the one asked for is found if it alone has that size. Two of that size are a mismatch,
 unless one is so much smaller that it can only be a print or a reflection of a board.
@@ -114,7 +114,8 @@ def trace_detection(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"],
             best = lattice
         if best is not None and best.known.all():
             break
-    if best is None:
+    # A board of that size that finer levels show, whole or not, is not blurred: they say why it is none.
+    if best is None and not any(fits(board, target) for step in steps for board in step.boards):
         for step in _search(image, blurred_levels(image)):
             best = _the_one(step.boards, target)
             if best is not None:  # otherwise too blurred to indicate the size
