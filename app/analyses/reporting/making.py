@@ -65,8 +65,8 @@ def make_report(database: Database, order: ReportOrder) -> MadeReport:
         forms = render_forms(document, drawings, order.template, _exports(loaded, document, source))
     except RenderingFailed as error:
         raise Conflict(
-            f"The PDF of the report cannot be drawn: {error}",
-            "Check the logo in DATA/templates; texts may hold letters that the report's fonts lack.",
+            f"The PDF of the report cannot be drawn: {error.detail}",
+            error.advice,
             code="report_not_drawable",
         ) from error
     return MadeReport(forms, core_version(), inputs_sha256)

@@ -22,6 +22,7 @@ from app.reports.forms.certificate import certificate_xml
 from app.reports.forms.figures import figures_csv
 from app.reports.forms.head import closing_blocks, opening_blocks
 from app.reports.forms.kinematics import kinematics_blocks
+from app.reports.forms.missing_letters import missing_in_words, missing_letters
 from app.reports.forms.repeatability import repeatability_blocks
 from app.reports.forms.session import session_blocks
 from app.reports.forms.template import CompanyTemplate
@@ -49,11 +50,19 @@ _CAPTIONS = {
     "residuals": "Residuals over the image: what the camera model leaves over, by place.",
     "projection": "Projection uncertainty of points at infinity over the image, and how many points each part has.",
 }
+_MISSING_ADVICE = (
+    "Install a font that has these letters on the service's computer, such as Noto Sans CJK or Noto Sans Thai, or "
+    "change the text to letters that the fonts have; then order the report again."
+)
 _WIDTH_PT = {"a4": 493.0, "letter": 510.0}
 
 
 class RenderingFailed(Exception):
-    """The PDF could not be drawn from these data; the text is the compiler's."""
+    """The PDF could not be drawn from these data: why, and what to do."""
+
+    def __init__(self, detail: str, advice: str) -> None:
+        super().__init__(detail)
+        self.detail, self.advice = detail, advice
 
 
 def render_forms(
@@ -191,19 +200,32 @@ def _pdf(
         "blocks": drawn,
     }
     inputs = {"report": legal_text(json.dumps(values, ensure_ascii=False)), **carried}
-    try:
+
+    def compiled(*, with_system_fonts: bool) -> bytes:
         return bytes(
             typst.compile(
                 _typst_source(),
                 format="pdf",
                 sys_inputs=inputs,
-                ignore_system_fonts=True,
+                ignore_system_fonts=not with_system_fonts,
                 pdf_standards=[*_PDF_STANDARDS],
                 timestamp=datetime.fromisoformat(document["made_at"]),
             )
         )
+
+    try:
+        try:
+            return compiled(with_system_fonts=False)
+        except typst.TypstError as error:
+            # Only then: the same document gives the same bytes on every computer wherever it can.
+            if not missing_letters(error.diagnostic):
+                raise
+            return compiled(with_system_fonts=True)
     except typst.TypstError as error:
-        raise RenderingFailed(str(error)) from error
+        letters = missing_letters(error.diagnostic)
+        if letters:
+            raise RenderingFailed(missing_in_words(document, letters), _MISSING_ADVICE) from error
+        raise RenderingFailed(str(error), "Check the logo in DATA/templates.") from error
 
 
 _SIZE = re.compile(r'<svg[^>]*\bviewBox="0 0 ([\d.]+) ([\d.]+)"')
