@@ -198,7 +198,7 @@ def poses_of_readings(data: SessionData) -> RobotPoses:
         warnings += excluded_poses(
             [v.pose_id for v in known if v.rotation is None],
             "rotations_missing",
-            "have no rotation, while most have one",
+            "without a rotation, while most have one",
         )
         excluded += [
             ExcludedMeasurement(v.measurement_id, "rotations_missing", _NO_ROTATION)

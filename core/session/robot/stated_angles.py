@@ -43,7 +43,7 @@ def without_angles(data: SessionData, poses: Sequence[MeasuredPose], used: froze
     return [
         *excluded_poses(missing, "joint_angles_missing"),
         *excluded_poses(
-            odd, "joint_angles_inconsistent", "carry another number of joint angles than the robot has joints"
+            odd, "joint_angles_inconsistent", "with another number of joint angles than the robot has joints"
         ),
     ]
 
@@ -56,14 +56,14 @@ def _stated(data: SessionData, pose: MeasuredPose) -> Sequence[float] | None:
     return commanded.joint_angles_deg if commanded is not None else None
 
 
-def excluded_poses(pose_ids: Sequence[str], code: str, what: str = "have no joint angles") -> list[Advisory]:
+def excluded_poses(pose_ids: Sequence[str], code: str, what: str = "without joint angles") -> list[Advisory]:
     """Return a warning that poses are excluded, and why; none without poses."""
     if not pose_ids:
         return []
     return [
         Advisory(
             code,
-            f"Poses {listed(pose_ids)} {what} and are excluded.",
+            f"Poses {what} are excluded: {listed(pose_ids)}.",
             "Correct these, one angle for each joint of the robot, and the poses count."
             if code == "joint_angles_inconsistent"
             else "Send what is missing, and the poses count.",

@@ -81,6 +81,10 @@ def test_other_numbers_of_angles_than_the_robot_has_joints_are_excluded() -> Non
     gathered = poses_of_readings(dataclasses.replace(data, nominal=two))
     assert gathered.poses.labels == ("P0",)
     assert [w.code for w in gathered.warnings] == ["joint_angles_missing", "joint_angles_inconsistent"]
+    assert [w.detail for w in gathered.warnings] == [
+        "Poses without joint angles are excluded: P2.",
+        "Poses with another number of joint angles than the robot has joints are excluded: P1.",
+    ]
     assert [(one.measurement_id, one.code) for one in gathered.excluded] == [
         ("mpo_1", "joint_angles_inconsistent"),
         ("mpo_2", "joint_angles_missing"),
