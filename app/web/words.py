@@ -80,7 +80,7 @@ VERDICTS: dict[str, State] = {
         ("instrument_limited", "fair", "≈"),
         ("not_steady", "bad", "↗"),
         ("below_detection", "fair", "<"),
-        ("too_few_cycles", "fair", "n"),
+        ("too_few_cycles", "fair", "?"),
     )
 }
 NO_CYCLES = State("mute", "○", "no figure", "Repeatability takes two cycles of a pose that are measured.")
