@@ -27,6 +27,10 @@ class ServiceStartError(Exception):
     """The service did not start; the message ends with what it said."""
 
 
+class _TooLate(Exception):
+    """The time in which the service should be ready is over; the message says what it lacks."""
+
+
 class ServiceProcess:
     """`gridpose serve` on a free port of the loopback address, over a data folder.
 
@@ -79,6 +83,14 @@ class ServiceProcess:
             self._read_announcement(deadline)
             if until_ready:
                 self._await_ready(deadline)
+        except _TooLate as late:
+            self.kill()
+            raise ServiceStartError(
+                f"The service was not ready within {ready_within_s:.0f} s. {late}\n"
+                "This machine is slow or busy with something else; a first start also compiles, and what it compiled "
+                "is kept. End what else computes, and do the same again. What the service said is in "
+                f"{self.data_dir / 'service.log'}."
+            ) from None
         except BaseException:
             self.kill()
             raise
@@ -125,7 +137,7 @@ class ServiceProcess:
             try:
                 line = lines.get(timeout=max(0.0, deadline - time.monotonic()))
             except queue.Empty:
-                raise self._failure("did not say where it listens") from None
+                raise _TooLate("It did not say where it listens.") from None
             if line is None:
                 raise self._failure(f"ended with code {self.process.wait()}")
             if match := _ADMIN_KEY.search(line):
@@ -134,7 +146,7 @@ class ServiceProcess:
                 self.url = match[1]
 
     def _await_ready(self, deadline: float) -> None:
-        answer = "nothing"
+        lacking = "It answers nothing."
         # With a key, what is not ready is named.
         headers = {"Authorization": f"Bearer {self.admin_key}"} if self.admin_key else {}
         # One client throughout: each new one reads all certificates, some 30 ms of processor time.
@@ -145,14 +157,22 @@ class ServiceProcess:
                 try:
                     response = client.get(f"{self.url}/readyz")
                 except httpx2.TransportError as error:
-                    answer = str(error)
+                    lacking = f"{error}."
                 else:
                     if response.status_code == 200:
                         return
-                    answer = response.text
+                    lacking = _lacking(response)
                 time.sleep(_READY_EVERY_S)
-        raise self._failure(f"was not ready in time: {answer}")
+        raise _TooLate(lacking)
 
     def _failure(self, what: str) -> ServiceStartError:
         log = (self.data_dir / "service.log").read_text(encoding="utf-8", errors="replace")
         return ServiceStartError(f"the service {what}\n" + "\n".join(log.splitlines()[-15:]))
+
+
+def _lacking(response: httpx2.Response) -> str:
+    """Return what is not ready, in the service's words."""
+    try:
+        return str(response.json()["detail"])
+    except (ValueError, KeyError, TypeError):
+        return f"It answers {response.status_code}."

@@ -121,6 +121,17 @@ def test_a_second_service_on_the_same_folder_is_refused_in_a_sentence(make_servi
     assert httpx2.get(f"{service.url}/readyz").status_code == 200
 
 
+def test_a_service_that_is_not_ready_in_time_says_what_to_do(tmp_path: Path) -> None:
+    full = {"GRIDPOSE_WORKERS": "0", "GRIDPOSE_DISK_FLOOR_BYTES": str(2**62)}  # and never ready
+    for within_s in (0.1, 10.0):
+        with pytest.raises(ServiceStartError) as refused:
+            ServiceProcess(tmp_path / "data", full).start(ready_within_s=within_s)
+        text = str(refused.value)
+        assert text.startswith(f"The service was not ready within {within_s:.0f} s. ")
+        assert "do the same again" in text
+    assert "{" not in text
+
+
 def test_a_port_in_use_is_said_to_be_that(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
