@@ -63,3 +63,33 @@ def test_several_folders_are_several_poses(cell: Cell, open_page: Open, tmp_path
     rows = [row.split("\t")[:3] for row in page.inner_text("#rows").splitlines()]
     assert rows == [["P1/IMG_0001.png", "P1", "–"], ["P2/IMG_0001.png", "P2", "–"]]
     assert not page.troubles
+
+
+def test_cycles_that_are_counted_go_on_after_those_of_the_session(
+    cell: Cell, open_page: Open, tmp_path: Path
+) -> None:
+    session_id = cell.api.make_session(cell.target_id, name="Two visits")
+
+    def send(name: str, *numbers: int) -> Any:
+        folder = tmp_path / name
+        folder.mkdir(exist_ok=True)
+        for at in numbers:
+            (folder / f"{at:03}.png").write_bytes(nothing(500 + at))
+        page = open_page(f"/ui/sessions/{session_id}/upload")
+        page.set_input_files("#folder", folder)
+        page.select_option("[name=pattern]", "one")
+        hint = page.inner_text("#goes-on")
+        page.click("#send")
+        page.wait_for_selector("#report:has-text(' 0 to go.')")
+        assert not page.troubles
+        return hint
+
+    def cycles() -> list[int]:
+        return sorted(one["cycle"] for one in cell.api.measurements(session_id))
+
+    assert send("morning", 1, 2) == ""
+    assert cycles() == [1, 2]
+    assert "The session has cycles of P1: the count goes on after them." in send("morning", 3, 4)
+    assert cycles() == [1, 2, 3, 4]  # as an upload that was interrupted: two of the four were here
+    send("evening", 5, 6)
+    assert cycles() == [1, 2, 3, 4, 5, 6]

@@ -12,7 +12,7 @@ from fastapi import Query, Request
 from sqlalchemy import orm
 from starlette.responses import Response
 
-from app.records.tables import Pose, Robot, Session
+from app.records.tables import Measurement, Pose, Robot, Session
 from app.services.poses import list_poses
 from app.services.queries import get_or_raise, visible
 from app.services.sessions import get_session
@@ -69,8 +69,19 @@ def show_upload(request: Request, session_id: str) -> Response:
             "sessions/upload.html",
             **session_context(records, detail, "upload"),
             url=str(request.base_url).rstrip("/"),
+            cycles=last_cycles(records, session_id),
             max_bytes=service.installation.settings.max_upload_bytes,
         )
+
+
+def last_cycles(records: orm.Session, session_id: str) -> dict[str, int]:
+    """Return the last cycle of each pose of which the session has images with cycles."""
+    of_pose = (
+        sa.select(Measurement.pose_id, sa.func.max(Measurement.cycle))
+        .where(Measurement.session_id == session_id, Measurement.cycle.is_not(None))
+        .group_by(Measurement.pose_id)
+    )
+    return {row[0]: row[1] for row in records.execute(of_pose)}
 
 
 @router.get("/sessions/{session_id}/poses", operation_id="list_poses")

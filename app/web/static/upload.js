@@ -33,6 +33,8 @@
     const rows = document.getElementById("rows"), report = document.getElementById("report"), sent = document.getElementById("sent");
     const send = document.getElementById("send"), pause = document.getElementById("pause");
     let files = [], isSending = false, isPaused = false;
+    const isCounted = () => ["folder", "one"].includes(rule.elements.pattern.value);
+    const taken = new Map(Object.entries(JSON.parse(place.dataset.cycles))); // the last cycle of each pose, here or given
 
     // Natural order, so that image 10 comes after image 9: cycles follow it.
     const order = new Intl.Collator("en", { numeric: true });
@@ -43,6 +45,7 @@
       document.getElementById("one-pose").hidden = pattern !== "one";
       files.sort((a, b) => order.compare(a.path, b.path));
       for (const one of files) {
+        if (one.done) continue;
         const folders = one.path.split("/"), stem = folders.pop().replace(IMAGE, "");
         let named = stem, cycle = null, burst = null;
         if (pattern === "one") named = rule.elements.pose.value.trim();
@@ -50,9 +53,9 @@
         else if (pattern === "auto") [named, cycle, burst] = usualTag(folders, stem, isOneFolder);
         const pose = legalPose(named);
         if (!given.has(pose)) given.set(pose, named);
-        if (cycle === null && (pattern === "folder" || pattern === "one")) { cycle = (counted.get(pose) || 0) + 1; counted.set(pose, cycle); }
-        Object.assign(one, { pose, cycle, burst, label: pose === named ? "" : named });
-        if (!one.done) one.state = problem(one, given.get(pose), named) || "to send";
+        if (isCounted()) { cycle = (counted.get(pose) ?? taken.get(pose) ?? 0) + 1; counted.set(pose, cycle); }
+        Object.assign(one, { pose, cycle, burst, label: pose === named ? "" : named, isNumbered: false });
+        one.state = problem(one, given.get(pose), named) || "to send";
       }
       show();
     }
@@ -67,6 +70,8 @@
       const ready = files.filter((one) => one.state === "to send"), poses = new Set(files.map((one) => one.pose));
       plan.hidden = !files.length;
       document.getElementById("plan-title").textContent = files.length + (files.length === 1 ? " image" : " images") + " at " + poses.size + (poses.size === 1 ? " pose" : " poses");
+      const going = [...poses].filter((pose) => taken.has(pose) && ready.some((one) => one.pose === pose && !one.isNumbered));
+      document.getElementById("goes-on").textContent = isCounted() && going.length ? "The session has cycles of " + going.slice(0, 5).join(", ") + (going.length > 5 ? " and " + (going.length - 5) + " more poses" : "") + ": the count goes on after them. Images that are here already keep their cycle." : "";
       document.getElementById("camera-only").hidden = poses.size < files.length;
       // What needs a look first, then the rest in order.
       const isOdd = (one) => one.why || !["to send", "sent", "was here"].includes(one.state);
@@ -158,6 +163,12 @@
           const missing = new Set(asked.document.missing.map((one) => one.pose_id + "/" + one.sha256));
           for (const one of ready) if (!missing.has(one.pose + "/" + one.sha256)) { one.state = "was here"; one.done = true; here += 1; }
           const queue = ready.filter((one) => !one.done);
+          // Counted here, where it is known which are new: an upload that was interrupted goes on as it began.
+          if (isCounted()) for (const one of queue) if (!one.isNumbered) {
+            one.cycle = (taken.get(one.pose) || 0) + 1;
+            taken.set(one.pose, one.cycle);
+            one.isNumbered = true;
+          }
           tally(); show();
           await Promise.all(Array.from({ length: TOGETHER }, async function () {
             for (let one; !isPaused && (one = queue.shift()); ) {
