@@ -47,6 +47,16 @@ _PHRASES = (
         ": `gridpose measurements correct`",
         ": on the page of images, select its images and choose Correct",
     ),
+    (
+        "state burst 1, 2, ... with them.",
+        "give them one cycle, and number them 1, 2, ... as images of the stop: on the page of images, select each "
+        "and choose Correct.",
+    ),
+    (
+        "or give the session intrinsics and use estimator=given.",
+        "or give the session this camera's intrinsics by the command line (“sessions change”; no page does), and "
+        "choose the estimator “Given camera” then.",
+    ),
     ("(repeatability?estimator=per_image_fixed_pp)", "(estimator=per_image_fixed_pp)"),
     ("This address needs an API key.", "You are signed out."),
     ("Send it as `Authorization: Bearer KEY`.", "Sign in again."),

@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
+from app.web.routes import sessions
 from app.web.words import ESTIMATORS
 from tests.support.service.service import wait_until
-from tests.web.conftest import Cell, violations
+from tests.web.conftest import Cell, nothing, violations
 
 pytestmark = pytest.mark.slow
 Open = Callable[..., Any]
@@ -51,7 +52,9 @@ def test_selected_images_get_a_focus_group_and_are_computed_again(cell: Cell, op
     assert page.inner_text("#selected") == "2 selected"
     page.click("[data-act=correct]")
     page.click("#correct-form .primary")
-    page.wait_for_selector("#correct-form .refusal:has-text('Enter a pose, a cycle or a focus group.')")
+    page.wait_for_selector(
+        "#correct-form .refusal:has-text('Enter a pose, a cycle, an image of the stop or a focus group.')"
+    )
     page.fill("#new-group", "left")
     page.evaluate("document.getElementById('gallery').dataset.former = 'yes'")
     page.click("#correct-form .primary")
@@ -70,6 +73,43 @@ def test_selected_images_get_a_focus_group_and_are_computed_again(cell: Cell, op
         "both images are computed again",
     )
     page.wait_for_selector("text=2 measured")
+    assert not page.troubles
+
+
+def test_images_of_one_stop_are_numbered_on_the_pages(cell: Cell, open_page: Open) -> None:
+    session_id = cell.api.make_session(cell.target_id, name="One stop")
+    ids = [cell.api.put_image(session_id, nothing(400 + k), "P1", cycle=1).json()["id"] for k in (1, 2, 3)]
+    for one in ids:
+        cell.api.wait_for(one)
+    page = open_page(f"/ui/sessions/{session_id}")
+    page.check(f'[data-id="{ids[1]}"] .pick')
+    page.click("[data-act=correct]")
+    page.fill("#new-burst", "2")
+    page.click("#correct-form .primary")
+    page.wait_for_selector(".tile .name:has-text('image 2')")
+    page.goto(f"/ui/measurements/{ids[2]}")
+    page.fill("#c-burst", "3")
+    page.click("form:has(#c-burst) button")
+    page.wait_for_selector("h2:has-text('image 3')")
+    assert sorted(one["burst"] for one in cell.api.measurements(session_id)) == [1, 2, 3]
+    page.fill("#c-burst", "")
+    page.click("form:has(#c-burst) button")
+    page.wait_for_selector("h2:not(:has-text('image 3'))")
+    assert sorted(one["burst"] for one in cell.api.measurements(session_id)) == [1, 1, 2]
+    assert not page.troubles
+
+
+def test_the_keyboard_stays_at_the_pages_of_images(
+    cell: Cell, open_page: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "PAGE_SIZE", 9)  # 21 images: three pages
+    page = open_page(f"/ui/sessions/{cell.session_id}")
+    focused = "document.activeElement.rel || document.activeElement.id"
+    for number, stays_at in ((2, "next"), (3, "gallery")):
+        page.focus('#gallery .paging a[rel="next"]')
+        page.keyboard.press("Enter")
+        page.wait_for_selector(f".paging:has-text('page {number} of 3')")
+        page.wait_for_function(f"({focused}) === '{stays_at}'", timeout=5_000)
     assert not page.troubles
 
 

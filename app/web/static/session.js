@@ -169,12 +169,21 @@
     if (act.dataset.act === "correct") ask("correct-dialog", function (form) {
       const body = gridpose.body(form);
       if (Object.keys(body).length) return correct("PATCH", "", body, form);
-      gridpose.show(form, gridpose.refusal("", "Enter a pose, a cycle or a focus group."));
+      gridpose.show(form, gridpose.refusal("", "Enter a pose, a cycle, an image of the stop or a focus group."));
       return false;
     });
   });
 
+  // The link that was followed is gone with the page that it was on: the same one of the next page, or the images.
+  let followed = null;
+  document.addEventListener("htmx:beforeSwap", function () {
+    const link = document.activeElement && document.activeElement.closest("#gallery .paging a");
+    followed = link && link.rel;
+  });
   document.addEventListener("htmx:afterSwap", function () {
+    const gallery = document.getElementById("gallery");
+    if (followed) (gallery.querySelector('.paging a[rel="' + followed + '"]') || gallery).focus({ preventScroll: true });
+    followed = null;
     const weak = document.getElementById("gallery").dataset.weak;
     document.getElementById("count-weak").textContent = weak ? " (" + weak + " weak)" : "";
     prepare();

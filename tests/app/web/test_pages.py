@@ -60,6 +60,18 @@ def test_a_sessions_images_come_in_pages_and_by_filters(api: Any, session_id: st
         assert len(shown(query)) == count, query
 
 
+def test_images_of_one_stop_are_told_apart_and_those_of_a_focus_group_named(
+    api: Any, grey_png: bytes
+) -> None:
+    made = api.make_session()
+    for k, given in enumerate(({}, {"burst": 2}, {"burst": 3, "focus_group": "near"}), 1):
+        api.put_image(made, grey_png + b"%d" % k, "P2", cycle=2, **given)
+    text = api.client.get(f"/ui/sessions/{made}", headers=signed_in(api)).text
+    named = re.findall(r'class="name"><bdi>P2</bdi>(.*?)</span>', text)
+    assert sorted(named) == [f" · cycle&nbsp;2{tail}" for tail in ("", " · image&nbsp;2", " · image&nbsp;3")]
+    assert re.findall(r"focus group <bdi>(.*?)</bdi>", text) == ["near"]
+
+
 def test_images_that_were_sent_together_are_in_the_order_of_their_cycles() -> None:
     """Fours at a time, the third before the second: as at a pose, and not across a pause or another pose."""
     begun = datetime(2026, 1, 1, tzinfo=UTC)
