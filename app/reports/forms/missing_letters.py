@@ -7,6 +7,24 @@ from collections.abc import Iterator
 
 from app.reports.forms.wording import Json
 
+FONTS_OF_COMPUTERS = (
+    *("DejaVu Sans Mono", "New Computer Modern", "New Computer Modern Math"),  # the PDF's own
+    *("Noto Sans CJK SC", "Noto Sans SC", "Source Han Sans SC", "WenQuanYi Zen Hei", "WenQuanYi Micro Hei"),
+    *("Microsoft YaHei", "SimSun", "PingFang SC"),
+    *(
+        "Noto Sans CJK JP",
+        "Noto Sans JP",
+        "Yu Gothic",
+        "MS Gothic",
+        "Hiragino Sans",
+        "IPAGothic",
+        "TakaoGothic",
+    ),
+    *("Noto Sans CJK KR", "Noto Sans KR", "Malgun Gothic", "Apple SD Gothic Neo", "NanumGothic"),
+    *("Noto Sans Thai", "Leelawadee UI", "Tahoma", "Thonburi", "Garuda", "Loma"),
+    *("Noto Color Emoji", "Segoe UI Emoji", "Apple Color Emoji"),
+)
+"""Families of Debian, Windows and macOS that draw the letters they say they have, in the order they are tried."""
 _NAMED = re.compile(r'(?:the text|the codepoint) `"(\\u\{[0-9a-f]+\}|[^`]+)"`')
 _ESCAPED = re.compile(r"\\u\{([0-9a-f]+)\}")
 _MAX_LETTERS = 8

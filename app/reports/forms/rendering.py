@@ -22,7 +22,7 @@ from app.reports.forms.certificate import certificate_xml
 from app.reports.forms.figures import figures_csv
 from app.reports.forms.head import closing_blocks, opening_blocks
 from app.reports.forms.kinematics import kinematics_blocks
-from app.reports.forms.missing_letters import missing_in_words, missing_letters
+from app.reports.forms.missing_letters import FONTS_OF_COMPUTERS, missing_in_words, missing_letters
 from app.reports.forms.repeatability import repeatability_blocks
 from app.reports.forms.session import session_blocks
 from app.reports.forms.template import CompanyTemplate
@@ -51,8 +51,8 @@ _CAPTIONS = {
     "projection": "Projection uncertainty of points at infinity over the image, and how many points each part has.",
 }
 _MISSING_ADVICE = (
-    "Install a font that has these letters on the service's computer, such as Noto Sans CJK or Noto Sans Thai, or "
-    "change the text to letters that the fonts have; then order the report again."
+    "Install a font that has these letters on the service's computer (Noto Sans CJK, Noto Sans Thai or Noto Color "
+    "Emoji), or change the text to letters that the fonts have; then order the report again."
 )
 _WIDTH_PT = {"a4": 493.0, "letter": 510.0}
 
@@ -201,13 +201,13 @@ def _pdf(
     }
     inputs = {"report": legal_text(json.dumps(values, ensure_ascii=False)), **carried}
 
-    def compiled(*, with_system_fonts: bool) -> bytes:
+    def compiled(*fonts: str) -> bytes:
         return bytes(
             typst.compile(
                 _typst_source(),
                 format="pdf",
-                sys_inputs=inputs,
-                ignore_system_fonts=not with_system_fonts,
+                sys_inputs={**inputs, "fonts": json.dumps(fonts)},
+                ignore_system_fonts=not fonts,
                 pdf_standards=[*_PDF_STANDARDS],
                 timestamp=datetime.fromisoformat(document["made_at"]),
             )
@@ -215,12 +215,12 @@ def _pdf(
 
     try:
         try:
-            return compiled(with_system_fonts=False)
+            return compiled()
         except typst.TypstError as error:
             # Only then: the same document gives the same bytes on every computer wherever it can.
             if not missing_letters(error.diagnostic):
                 raise
-            return compiled(with_system_fonts=True)
+            return compiled(*FONTS_OF_COMPUTERS)
     except typst.TypstError as error:
         letters = missing_letters(error.diagnostic)
         if letters:

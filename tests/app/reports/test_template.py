@@ -71,7 +71,8 @@ def test_letters_that_only_a_font_of_the_computer_has_are_drawn_with_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "fonts").mkdir()
-    _font_of("\u0378", tmp_path / "fonts" / "one.ttf")
+    _font_of("\u0378", tmp_path / "fonts" / "one.ttf", "Noto Sans CJK SC")
+    _font_of("\u0379", tmp_path / "fonts" / "other.ttf", "Unknown")
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     document = archived_report("repeatability")
     plain = render_forms(document, {}, CompanyTemplate())["pdf"]
@@ -81,9 +82,12 @@ def test_letters_that_only_a_font_of_the_computer_has_are_drawn_with_it(
     assert b"GridposeTest" in drawn
     assert b"GridposeTest" not in plain
     assert b"<pdfaid:part>3</pdfaid:part>" in drawn
+    document["subject"]["session"]["name"] = "cell \u0379"
+    with pytest.raises(RenderingFailed, match="has U\\+0379, in the session's name"):  # it might be a blank
+        render_forms(document, {}, CompanyTemplate())
 
 
-def _font_of(letter: str, path: Path) -> None:
+def _font_of(letter: str, path: Path, family: str) -> None:
     """Write a font that has one letter, a square."""
     pen = TTGlyphPen(None)
     for to, point in (
@@ -100,7 +104,7 @@ def _font_of(letter: str, path: Path) -> None:
     font.setupGlyf({".notdef": TTGlyphPen(None).glyph(), "one": pen.glyph()})
     font.setupHorizontalMetrics({".notdef": (800, 0), "one": (800, 0)})
     font.setupHorizontalHeader(ascent=800, descent=-200)
-    font.setupNameTable({"familyName": "GridposeTest", "styleName": "Regular", "psName": "GridposeTest"})
+    font.setupNameTable({"familyName": family, "styleName": "Regular", "psName": "GridposeTest"})
     font.setupOS2(sTypoAscender=800, usWinAscent=800, usWinDescent=200)
     font.setupPost()
     font.save(path)
