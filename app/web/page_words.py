@@ -52,6 +52,7 @@ _PHRASES = (
         "give them one cycle, and number them 1, 2, ... as images of the stop: on the page of images, select each "
         "and choose Correct.",
     ),
+    ("the same cycle and a burst index each.", "the same cycle and a number each, as images of the stop."),
     (
         "or give the session intrinsics and use estimator=given.",
         "or give the session this camera's intrinsics by the command line (“sessions change”; no page does), and "
@@ -171,6 +172,8 @@ _NEXT = (
     ("accuracy_unavailable", "", "/poses", "See the commanded poses"),
     ("approach_variation_unavailable", "", "/poses", "Load commanded poses"),
     ("commanded_poses_missing", "", "/poses", "Load commanded poses"),
+    ("cycles_repeated", "", "", "To the images"),
+    ("focal_not_observable", "Together", "/upload", "Add images"),
     ("joint_angles_missing", "", "/poses", "Load commanded poses"),
     ("lens_beyond_brown", "", "/camera", "See the camera"),
     ("measured_poses_missing", "", "/repeatability", "Use the images"),
