@@ -78,10 +78,10 @@ def last_cycles(records: orm.Session, session_id: str) -> dict[str, int]:
     """Return the last cycle of each pose of which the session has images with cycles."""
     of_pose = (
         sa.select(Measurement.pose_id, sa.func.max(Measurement.cycle))
-        .where(Measurement.session_id == session_id, Measurement.cycle.is_not(None))
+        .where(Measurement.session_id == session_id)
         .group_by(Measurement.pose_id)
     )
-    return {row[0]: row[1] for row in records.execute(of_pose)}
+    return {pose_id: cycle for pose_id, cycle in records.execute(of_pose) if cycle is not None}
 
 
 @router.get("/sessions/{session_id}/poses", operation_id="list_poses")

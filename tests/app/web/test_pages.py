@@ -60,7 +60,7 @@ def test_a_sessions_images_come_in_pages_and_by_filters(api: Any, session_id: st
         assert len(shown(query)) == count, query
 
 
-def test_images_of_one_stop_are_told_apart_and_those_of_a_focus_group_named(
+def test_images_of_one_stop_have_their_number_and_those_of_a_focus_group_its_name(
     api: Any, grey_png: bytes
 ) -> None:
     made = api.make_session()
