@@ -57,10 +57,12 @@ class GalleryPage:
 class GalleryCounts:
     """How many measurements of a session have each pose and each failure code, and how many are excluded.
 
+    `cycles` are those of each pose: the images of one stop are one; an image without a cycle counts by itself.
     `weak` are those measured ones that determine their focal length weakly; None in a session beyond MAX_GRADED.
     """
 
     poses: list[tuple[str, int]]
+    cycles: list[tuple[str, int]]
     codes: list[tuple[str, int]]
     excluded: int
     weak: int | None
@@ -123,9 +125,10 @@ def count_gallery(records: orm.Session, session_id: str) -> GalleryCounts:
     """Return what a session's images can be filtered by."""
     of_session = Measurement.session_id == session_id
     number = sa.func.count()
+    stops = sa.func.count(Measurement.cycle.distinct()) + number - sa.func.count(Measurement.cycle)
     poses = records.execute(
-        sa.select(Measurement.pose_id, number).where(of_session).group_by(Measurement.pose_id)
-    )
+        sa.select(Measurement.pose_id, number, stops).where(of_session).group_by(Measurement.pose_id)
+    ).all()
     codes = records.execute(
         sa.select(Measurement.failure_code, number)
         .where(of_session, Measurement.status == "failed", Measurement.failure_code.is_not(None))
@@ -135,11 +138,12 @@ def count_gallery(records: orm.Session, session_id: str) -> GalleryCounts:
     excluded = records.scalar(
         sa.select(number).select_from(Measurement).where(of_session, Measurement.excluded.is_not(None))
     )
-    counted = [(pose_id, count) for pose_id, count in poses]
+    counted = [(pose_id, count) for pose_id, count, _ in poses]
+    cycles = [(pose_id, count) for pose_id, _, count in poses]
     weak = None
     if sum(count for _, count in counted) <= MAX_GRADED:
         weak = records.scalar(sa.select(number).select_from(Measurement).where(of_session, *_WEAK)) or 0
-    return GalleryCounts(counted, [(str(code), count) for code, count in codes], excluded or 0, weak)
+    return GalleryCounts(counted, cycles, [(str(code), count) for code, count in codes], excluded or 0, weak)
 
 
 def neighbours(records: orm.Session, measurement: Measurement) -> tuple[str | None, str | None]:

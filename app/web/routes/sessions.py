@@ -109,7 +109,7 @@ def _readings(records: orm.Session, detail: SessionDetail, pose_id: str) -> dict
 
 
 def few_cycles(poses: Sequence[tuple[str, int]], nouns: str) -> str | None:
-    """Return which poses have fewer cycles than the standard asks for, counted by their images or readings."""
+    """Return which poses have fewer cycles than the standard asks for, counted by their cycles or readings."""
     few = [count for _, count in poses if count < ISO_CYCLES]
     if not few:
         return None
@@ -149,5 +149,5 @@ def next_step(detail: SessionDetail, counted: GalleryCounts) -> tuple[str, str, 
             f"/ui/sessions/{session_id}/camera",
             "See the camera",
         )
-    few = few_cycles(counted.poses, "images")
+    few = few_cycles(counted.cycles, "cycles")
     return few or "All images are measured.", f"/ui/sessions/{session_id}/repeatability", "See repeatability"

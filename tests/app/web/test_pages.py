@@ -70,6 +70,12 @@ def test_images_of_one_stop_have_their_number_and_those_of_a_focus_group_its_nam
     named = re.findall(r'class="name"><bdi>P2</bdi>(.*?)</span>', text)
     assert sorted(named) == [f" · cycle&nbsp;2{tail}" for tail in ("", " · image&nbsp;2", " · image&nbsp;3")]
     assert re.findall(r"focus group <bdi>(.*?)</bdi>", text) == ["near"]
+    for k in (4, 5):
+        api.put_image(made, grey_png + b"%d" % k, "P2")
+    with api.installation.database.read() as records:
+        assert gallery_counts.count_gallery(records, made).cycles == [
+            ("P2", 3)
+        ]  # a stop, and two images without one
 
 
 def test_images_that_were_sent_together_are_in_the_order_of_their_cycles() -> None:
@@ -262,11 +268,23 @@ def test_a_page_reads_as_often_for_many_images_as_for_few(api: Any, grey_png: by
 def test_images_that_only_the_session_can_answer_are_not_called_lost() -> None:
     counts = {"queued": 0, "running": 0, "succeeded": 2, "failed": 8, "duplicates": 0}
     detail: Any = SimpleNamespace(counts=counts, session=SimpleNamespace(id="ses_1"))
-    flat = GalleryCounts([("P1", 1), ("P2", 1)], [("focal_not_observable", 7), ("target_not_found", 1)], 0, 0)
+    flat = GalleryCounts(
+        [("P1", 1), ("P2", 1)],
+        [("P1", 1), ("P2", 1)],
+        [("focal_not_observable", 7), ("target_not_found", 1)],
+        0,
+        0,
+    )
     said = next_step(detail, flat)
     assert said is not None
     assert "these determine the camera" in said[0]
-    lost = GalleryCounts([("P1", 5), ("P2", 5)], [("focal_not_observable", 5), ("target_not_found", 3)], 0, 0)
+    lost = GalleryCounts(
+        [("P1", 5), ("P2", 5)],
+        [("P1", 5), ("P2", 5)],
+        [("focal_not_observable", 5), ("target_not_found", 3)],
+        0,
+        0,
+    )
     said = next_step(detail, lost)
     assert said is not None
     assert said[0].startswith("3 of 10 images were not measured, most often target not found.")
