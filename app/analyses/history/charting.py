@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -61,10 +62,23 @@ def alarm_sentences(
         alarm = chart.alarm
         last, since, at = (series[k][0] for k in (alarm.since - 1, alarm.since, alarm.at))
         sentence = (
-            f"{' '.join(reversed(key))} went {alarm.direction}, from {alarm.before:.6g} to {alarm.after:.6g}, "
-            f"since the session {since.session[1]} ({since.measured_at}); shown by {at.session[1]} ({at.measured_at})."
+            f"{' '.join(reversed(key))} went {alarm.direction}, from {_levels(alarm.before, alarm.after)} "
+            f"{series[0][1].unit}, since the session {since.session[1]} ({_day(since.measured_at)}); shown by "
+            f"{at.session[1]} ({_day(at.measured_at)})."
         )
         between = [event for event in events if last.measured_at < event.at <= since.measured_at]
         if between:
-            sentence += f" Before it: {'; '.join(f'{event.note} ({event.at})' for event in between)}."
+            sentence += f" Before it: {'; '.join(f'{event.note} ({_day(event.at)})' for event in between)}."
         yield key, sentence
+
+
+def _levels(before: float, after: float) -> str:
+    """Return two levels to the second digit of their difference."""
+    change = abs(after - before)
+    places = min(max(1 - math.floor(math.log10(change)), 0), 9) if change > 0.0 else 3
+    return f"{before:.{places}f} to {after:.{places}f}".replace("-", "−")
+
+
+def _day(moment: str) -> str:
+    """Return a moment of ISO 8601, in UTC, to the minute."""
+    return f"{moment[:10]} {moment[11:16]} UTC" if "T" in moment else moment

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Any
 
 import numpy as np
@@ -174,7 +175,10 @@ def test_a_lasting_change_is_said_of_the_sessions_that_are_comparable() -> None:
     first, second = charted_tests(reports, [event])
     assert ([len(test.reports) for test in (first, second)], second.charts) == ([30, 1], {})
     (sentence,) = first.sentences.values()
-    assert sentence.startswith("RP_l all poses went up, from 0.0")
+    moment = r"\(2020-01-\d\d \d\d:\d\d UTC\)"
+    levels = r"from 0\.0\d\d to 0\.0\d\d mm"
+    said = rf"RP_l all poses went up, {levels}, since the session week \d+ {moment}; shown by week \d+ {moment}\."
+    assert re.match(said, sentence)
     since = int(sentence.split("week ")[1].split()[0])
     assert abs(since - 20) <= 2
     assert series_of(reports[:1])["all poses", "noise floor"][0][1].value == pytest.approx(0.004)
