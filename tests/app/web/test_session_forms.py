@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from app.web.pages import environment
+from app.web.routes.start import Headline
 from tests.support.service.signed_in import signed_in
 
 
@@ -60,3 +62,12 @@ def test_a_key_that_only_reads_is_shown_no_form_that_it_may_not_send(api: Any) -
     for scope, is_shown in (("read", False), ("upload", True)):
         shown = page(api, f"../targets/{target_id}", scope)
         assert ("New session with this target" in shown) is is_shown
+
+
+def test_the_list_of_sessions_has_whole_reasons_and_shortens_names_to_the_eye_alone(api: Any) -> None:
+    reason = "Together the images leave the focal length uncertain by 57.5 %; the limit is 2 %."
+    shown = environment().get_template("sessions/_headline.html").render(headline=Headline(reason=reason))
+    assert f"no figure: {reason}" in shown
+    api.make_session(name="N" * 200)
+    listed = api.client.get("/ui/", headers=signed_in(api)).text
+    assert f'class="clamped" title="{"N" * 200}"' in listed
