@@ -92,7 +92,8 @@ class JointNotExcited(KinematicsError):
     default_advice = (
         "Add a sweep of this joint: poses at which it alone moves and the others rest. If the joint slides and rests "
         "at one travel, describe the robot without it (its travel counts in d_mm of a neighbour about the same axis), "
-        "and send the angles of the other joints alone."
+        "and send the angles of the other joints alone. If linkages turn it with other joints, as the hand of a "
+        "palletizer that stays level, state joint_coupling with the robot."
     )
 
 

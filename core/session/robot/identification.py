@@ -14,6 +14,7 @@ from core.errors import (
     EstimationError,
     InvalidArgument,
     JointAnglesInconsistent,
+    PrismaticJoint,
 )
 from core.geometry import invert
 from core.kinematics import (
@@ -108,6 +109,9 @@ def identify_robot(
     try:
         found = _identified(data, gathered, method, model, tolerance, sweeps, trials)
     except EstimationError as failure:
+        if coupling is not None and isinstance(failure, PrismaticJoint):
+            # Of coupled joints whose turns cancel, the orientations do not show one: it turns all the same.
+            raise JointAnglesInconsistent(coupling.detail, coupling.advice) from failure
         if coupling is not None:
             raise type(failure)(f"{failure.detail} {coupling.detail}", coupling.advice) from failure
         if data.joint_coupling is not None and isinstance(failure, JointAnglesInconsistent):
