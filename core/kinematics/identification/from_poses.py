@@ -45,6 +45,7 @@ from core.kinematics.global_fit import (
     placed,
     refine,
     rms,
+    sandwich_covariance,
     validate,
 )
 from core.kinematics.identification.consistency import require_consistent
@@ -197,6 +198,7 @@ def _report(
     kinematic = int(gauge.free.sum())
     covariance = refined.covariance[:kinematic, :kinematic]
     if extension is None:
+        covariance = sandwich_covariance(refined, seen)[:kinematic, :kinematic]
         open_ones = gauge.by_assumed[gauge.free]
         covariance = covariance + open_ones @ open_ones.T
     how = conditioning(arm, refined.jacobian, gauge.free, refined.used)
