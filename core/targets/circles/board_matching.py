@@ -19,6 +19,7 @@ from core.targets.specification import TargetSpec
 MIN_SEEN_SHARE = 0.5
 """Of the target's dots."""
 _MIN_LINE_SHARE = 0.5
+_SLENDER = 1.25  # a larger dot is as round as the others; what a blot makes of one is not
 MIN_FILL = 0.98
 """Of `Dots.fill`."""
 
@@ -121,12 +122,17 @@ def slenderness(J: Float[np.ndarray, "n 2 2"], fitted: FittedDots) -> Float[np.n
     return np.asarray(np.sqrt(squares[:, 1] / np.maximum(squares[:, 0], 1e-12)))
 
 
-def larger_dot(radius: Float[np.ndarray, " n"], trusted: Bool[np.ndarray, " n"]) -> int | None:
-    """Return which dot is larger than all others on the print, if one is. Dots that the image does not show as dots are
-    ignored: a blot next to a dot makes it larger, too."""
-    if not trusted.any():
+def larger_dot(
+    radius: Float[np.ndarray, " n"], slender: Float[np.ndarray, " n"], seen: Bool[np.ndarray, " n"]
+) -> int | None:
+    """Return which of the dots seen is larger than all others on the print, if one is. Those that are slender are
+    ignored, unless motion makes most of the dots so: a blot next to a dot makes it larger, too."""
+    if not seen.any():
         return None
-    ratio = np.where(trusted, radius, 0.0) / np.median(radius[trusted])
+    is_round = seen & (slender < max(_SLENDER, float(np.median(slender[seen]))))
+    if not is_round.any():
+        return None
+    ratio = np.where(is_round, radius, 0.0) / np.median(radius[seen])
     largest = int(np.argmax(ratio))
     if ratio[largest] < 1.0 + ODD or np.delete(ratio, largest).max() > 1.0 + 0.5 * (ratio[largest] - 1.0):
         return None

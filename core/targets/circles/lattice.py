@@ -73,13 +73,16 @@ def merge_lattices(
 
     Single dots are not taken: about a board there are always some that look like one more of its own. A place is
     predicted by the homography of all dots, corrected by what that is off at the lattice's nearest one: over a few
-    lines a lens bends little more.
+    lines a lens bends little more. A dot that is much larger, as at the origin, comes with the others of its lattice.
     """
     which, places = lattice.dots, lattice.places
     theirs = np.concatenate([which[:0], *(other.dots for other in others)])
     of_other = np.repeat(np.arange(len(others)), [len(other.dots) for other in others])
     free = theirs
-    size = np.linalg.det(dots.moments) ** 0.25
+    root = np.sqrt(np.linalg.det(dots.moments))
+    larger = np.full(len(dots), _LARGER)
+    for other in others:
+        larger[other.dots] = _LARGER if len(other.dots) == 1 else _MARKED
     while len(free) and len(which) < most_dots:
         centres = dots.centres[which]
         H = find_homography(places.astype(np.float64), centres)
@@ -93,8 +96,8 @@ def merge_lattices(
         at = drawn + centres[nearest] - map_in_front(H, places[nearest])
         step = np.minimum(np.hypot(*(right - drawn).T), np.hypot(*(below - drawn).T))
         off, candidate = cKDTree(dots.centres[free]).query(np.nan_to_num(at, nan=_FAR_PX))
-        ratio = size[free[candidate]] / size[which[nearest]]
-        fits = (off <= _OFF * step) & (ratio < math.sqrt(_LARGER)) & (ratio > math.sqrt(1.0 / _LARGER))
+        ratio, most = root[free[candidate]] / root[which[nearest]], larger[free[candidate]]
+        fits = (off <= _OFF * step) & (ratio < most) & (ratio > 1.0 / most)
         best = np.flatnonzero(fits)[np.argsort(off[fits], kind="stable")]
         _, first = np.unique(candidate[best], return_index=True)  # a dot stands on one place
         best = best[first]

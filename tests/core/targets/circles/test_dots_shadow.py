@@ -3,6 +3,9 @@ these, and neither the size of the board nor the others."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -14,6 +17,7 @@ from core.targets import TargetSpec, detect
 from core.targets.circles.board_ends import without_stray_lines
 from core.targets.circles.lattice import DotLattice
 from tests.support.image.dot_sites import sites_of
+from tests.support.image.view_flaws import trail
 from tests.support.simulation.renders import render
 
 CAMERA = Camera(700.0, 700.0, 321.0, 238.0, k1=-0.1)
@@ -59,6 +63,39 @@ def test_dots_on_both_sides_of_a_shadow_are_measured(
         z = (found.points_px - truth[found.row, found.column]) / found.standard_uncertainty_px[:, None]
         assert np.sqrt(np.mean(z**2)) < 1.5
         assert np.median(np.abs(z)) < 0.95  # of a normal distribution: .67
+
+
+def test_a_larger_dot_beyond_a_shadows_edge_is_the_origin() -> None:
+    """The edge cuts the lattice in two; the origin's dot comes with its part."""
+    target = TargetSpec("circles", 8, 8, 25.0)
+    for seed in range(20, 28):
+        scene = replace(scene_of(target, seed), origin_dot=1.6)
+        found = detect(shaded(render(scene), scene, 0.7, 0.3, seed), target)
+        assert found.labelling == "absolute", seed
+        truth = scene.points_px.reshape(8, 8, 2)[found.row, found.column]
+        assert np.hypot(*(found.points_px - truth).T).max() < 1.0
+
+
+@pytest.mark.parametrize("direction_deg", [0.0, 45.0, 90.0])
+def test_a_larger_dot_in_motion_is_the_origin(direction_deg: float) -> None:
+    """Motion makes the other dots more slender than a blot next to one makes it; the larger dot less so."""
+    target = TargetSpec("circles", 8, 8, 25.0)
+    for seed in range(20, 24):
+        scene = replace(scene_of(target, seed), origin_dot=1.7)
+        noise = np.random.default_rng(seed).normal(0.0, NOISE, SIZE[::-1])
+        blurred = cv2.filter2D(
+            render(scene).astype(np.float32), -1, trail(0.3 * pitch_px(scene), math.radians(direction_deg))
+        )
+        found = detect(np.clip(np.rint(blurred + noise), 0, 255).astype(np.uint8), target)
+        assert found.labelling == "absolute", seed
+        truth = scene.points_px.reshape(8, 8, 2)[found.row, found.column]
+        assert np.hypot(*(found.points_px - truth).T).max() < 1.0
+
+
+def pitch_px(scene: Scene) -> float:
+    """How far neighbouring dots usually are apart in the image."""
+    grid = scene.points_px.reshape(scene.target.rows, scene.target.columns, 2)
+    return float(np.median(np.hypot(*np.diff(grid, axis=1).reshape(-1, 2).T)))
 
 
 def on_plane(target: TargetSpec, seen: np.ndarray) -> tuple[DotLattice, np.ndarray]:
