@@ -24,9 +24,9 @@ Sharp corners 8 px apart whose contrast is four times the noise explain 30 and m
 lost."""
 _MAX_VARIANCE = 4.0  # of the residuals, times the median
 _SMALL_RESIDUAL = 0.01  # of half the contrast: without noise the model itself shows
-_MOST_SPREAD, _MISFIT = 1.0, 0.25
-"""How far ink or cut-off white has spread, in σ, and the residuals, in half the contrast: beyond both, the two ends of
-an edge lie so far apart that the corner may be that of one of them."""
+_MOST_SPREAD, _MISFIT = 0.1, 0.25
+"""How far ink or cut-off white has spread, in spacings, and the residuals, in half the contrast: beyond both, the two
+ends of an edge lie so far apart that the corner may be that of one of them."""
 _SHARPEST_PX = 0.26
 """Below the 1/√12 of a pixel's area edges are not averaged over it: the image is thresholded, or was resampled by the
 nearest pixel, and its steps are displaced from its lines."""
@@ -81,7 +81,9 @@ def accepted_corners(
         noise = median(variance[trusted])
         relative = variance / contrast**2
         typical = median(relative[trusted])
-        if abs(median(steps[trusted, model.SPREAD])) > _MOST_SPREAD and typical > _MISFIT**2:
+        # In σ, thresholded edges have spread as far as ones that lie apart.
+        spread = steps[trusted, model.SPREAD] * sigma[trusted] / spacing[trusted]
+        if abs(median(spread)) > _MOST_SPREAD and typical > _MISFIT**2:
             trusted[:] = False
         # in a reflex or a shadow noise and contrast change together
         excess = np.minimum(variance / noise, relative / typical)

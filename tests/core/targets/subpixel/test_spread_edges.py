@@ -83,3 +83,17 @@ def test_ink_that_has_spread_too_far_is_refused_or_measured_rightly(gain: float)
     except TargetNotFound:
         return
     assert np.sqrt(np.mean((errors / uncertainty[:, None]) ** 2)) < 2.0
+
+
+@pytest.mark.parametrize("pixels", [1.0, 0.5])
+@pytest.mark.parametrize(("gain", "threshold"), [(0.0, 60), (0.025, 110)])
+def test_squares_that_a_threshold_makes_larger(gain: float, threshold: int, pixels: float) -> None:
+    """They spread by a pixel or two, far in units of a blur that is not there, and little in squares."""
+    light, corners_px = drawn(25.0, 0.4, gain)
+    light = cv2.resize(light, None, fx=pixels, fy=pixels, interpolation=cv2.INTER_AREA)
+    levels = photographed(light, 180.0, 1.5, 3)
+    image = np.where(levels > threshold, 255, 0).astype(np.uint8)
+    errors, uncertainty = errors_px(image, (corners_px + 0.5) * pixels - 0.5)
+    assert len(errors) >= 0.9 * BOARD.size
+    assert np.sqrt(np.mean(errors**2)) < 0.08
+    assert np.sqrt(np.mean((errors / uncertainty[:, None]) ** 2)) < 1.5
