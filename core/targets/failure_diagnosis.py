@@ -8,6 +8,7 @@ wrong size.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from jaxtyping import UInt8, UInt16
 
@@ -28,6 +29,8 @@ _ASKED = {
 }
 _ACROSS = np.linspace(0.2, 0.8, 9)
 """Of a square: clear of its edges, over markers of half the square and more."""
+_AROUND = 0.1
+"""Of a square: a cell of a marker is about as wide."""
 _PRINTED = 0.2
 """Share of a bright square that is dark. With a marker of half its side the marker's border alone makes .24."""
 _ENDS = np.array([0, 1, -2, -1])  # of `_ACROSS`: taken both ways, what is near a square's corners
@@ -157,6 +160,12 @@ def _has_markers(image: np.ndarray, lattice: Lattice, *, inverted: bool = False)
     corners_px = np.pad(lattice.grid, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
     places = places_in_squares(corners_px, np.stack([column, row], axis=1), middle)
     is_convex = np.isfinite(places).all(axis=(1, 2))
+    # Of each place its surroundings: the dots of a dithered image are no print.
+    square_px = min(
+        float(np.nanmedian(np.linalg.norm(np.diff(lattice.grid, axis=k), axis=2))) for k in (0, 1)
+    )
+    width = 2 * round(0.5 * _AROUND * square_px) + 1
+    image = cv2.blur(image, (width, width), borderType=cv2.BORDER_REPLICATE)
     u, v = np.moveaxis(np.rint(np.where(np.isfinite(places), places, 0.0)).astype(np.intp), 2, 0)
     greys = image[np.clip(v, 0, image.shape[0] - 1), np.clip(u, 0, image.shape[1] - 1)].astype(np.float64)
     if inverted:

@@ -57,6 +57,18 @@ def test_boards_of_another_kind_are_named(shown: TargetSpec, asked: TargetSpec, 
         calibrate_image(file.tobytes(), asked)
 
 
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_the_black_pixels_of_dithered_squares_are_no_markers(seed: int) -> None:
+    """Of one bit: of the light squares a quarter of the pixels is black."""
+    grey = image_of(CHESSBOARD, seed).astype(np.float64)
+    light = np.interp(grey, [grey.min(), grey.max()], [5.0, 190.0])
+    bayer = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]])
+    image = np.where(light > np.tile(16.0 * bayer + 8.0, (200, 250)), 255, 0)
+    with pytest.raises(DetectionError) as caught:
+        look_for(image.astype(np.uint8), replace(CHESSBOARD, columns=7))
+    assert "ChArUco" not in caught.value.detail
+
+
 @pytest.mark.parametrize("asked", [CHESSBOARD, CHARUCO, CIRCLES, STAGGERED, APRILGRID])
 def test_without_any_board_none_is_named(asked: TargetSpec) -> None:
     rng = np.random.default_rng(7)
