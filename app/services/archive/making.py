@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import json
 import os
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -19,6 +20,7 @@ import sqlalchemy as sa
 from app.blobs.durable import sync_folder
 from app.build import core_version
 from app.errors import ArchiveRefused, NotFound, OriginalMissing
+from app.records.file_lock import AlreadyLocked, FileLock
 from app.records.ids import is_id
 from app.records.migrations import head_revision
 from app.records.tables import Installation, Measurement, Report, ReportForm, Session, Table
@@ -91,9 +93,14 @@ def _archived(installation: ServiceContext, session_id: str, path: Path, *, repl
         raise ArchiveRefused(
             "archive_exists", f"{path} is there already.", "Name another file, or replace it with --replace."
         )
+    _remove_left(path)
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
-        with unfinished.open("xb") as file, _Archive(installation, session_id, path.parent) as archive:
+        with (
+            unfinished.open("xb") as file,
+            _in_use(unfinished),
+            _Archive(installation, session_id, path.parent) as archive,
+        ):
             archived = archive.write(file)
             file.flush()
             os.fsync(file.fileno())
@@ -103,6 +110,29 @@ def _archived(installation: ServiceContext, session_id: str, path: Path, *, repl
         unfinished.unlink(missing_ok=True)
     sync_folder(path.parent)
     return Archived(archived, size, archive.fingerprint)
+
+
+def _remove_left(path: Path) -> None:
+    """Remove what an earlier archive to the same file left that was killed."""
+    for left in path.parent.glob(f".{glob.escape(path.name)}.*.partial"):
+        with suppress(AlreadyLocked, OSError):  # another process writes it; Windows removes no file that is open
+            lock = FileLock(left)
+            lock.acquire()
+            lock.release()
+            left.unlink()
+
+
+@contextmanager
+def _in_use(unfinished: Path) -> Iterator[None]:
+    """Let others see that the file is being written."""
+    lock = FileLock(unfinished)
+    if os.name == "posix":  # elsewhere the lock would keep this process from writing as well
+        with suppress(AlreadyLocked):  # a network disk may have no locks
+            lock.acquire()
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 class _Archive:

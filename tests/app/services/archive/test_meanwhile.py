@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from app.services.archive import archive_session, making, restore_session
 from app.services.archive.container import ArchiveWriter
 from app.services.installation.context import ServiceContext
 from app.services.sessions import delete_session
+from tests.support.service.service import Api
 
 
 def test_a_session_that_is_deleted_while_it_is_archived_is_said_to_be_gone(
@@ -61,3 +63,35 @@ def _outcome(restore: Callable[[], object]) -> str:
     except ArchiveRefused as error:
         return error.code
     return "restored"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="elsewhere an open file is removed by nobody")
+def test_what_a_killed_archive_left_goes_with_the_next_and_what_is_being_written_stays(
+    source: Api, session_id: str, tmp_path: Path
+) -> None:
+    left = tmp_path / ".cell [7].tar.gz.123456.partial"
+    another = tmp_path / ".cell [8].tar.gz.123456.partial"
+    in_use = tmp_path / ".cell [7].tar.gz.123457.partial"
+    for path in (left, another, in_use):
+        path.write_bytes(b"half")
+    with FileLock(in_use):
+        archive_session(source.installation, session_id, tmp_path / "cell [7].tar.gz")
+    assert not left.exists()
+    assert another.exists()
+    assert in_use.exists()
+
+
+def test_an_archive_being_written_is_left_alone_by_another_to_the_same_file(
+    source: Api, session_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun = making._Archive.write
+
+    def archived_twice(archive: Any, file: Any) -> Any:
+        monkeypatch.setattr(making._Archive, "write", begun)
+        monkeypatch.setattr(os, "getpid", lambda: 999_999)
+        archive_session(source.installation, session_id, tmp_path / "cell.tar.gz")
+        return begun(archive, file)
+
+    monkeypatch.setattr(making._Archive, "write", archived_twice)
+    archive_session(source.installation, session_id, tmp_path / "cell.tar.gz")
+    assert [path.name for path in tmp_path.iterdir()] == ["cell.tar.gz"]
