@@ -115,7 +115,8 @@ def _archived(installation: ServiceContext, session_id: str, path: Path, *, repl
 def _remove_left(path: Path) -> None:
     """Remove what an earlier archive to the same file left that was killed."""
     for left in path.parent.glob(f".{glob.escape(path.name)}.*.partial"):
-        with suppress(AlreadyLocked, OSError):  # another process writes it; Windows removes no file that is open
+        # Another process may be writing it; Windows removes no file that is open.
+        with suppress(AlreadyLocked, OSError):
             lock = FileLock(left)
             lock.acquire()
             lock.release()

@@ -23,7 +23,7 @@ from app.blobs.local import original_path
 from app.errors import ArchiveRefused
 from app.records.activity import Activity, acting
 from app.records.database import Database
-from app.records.file_lock import AlreadyLocked, FileLock
+from app.records.file_lock import FileLock
 from app.services.archive.container import PIECE, ArchiveReader
 from app.services.archive.copying import put_rows, require_absent
 from app.services.archive.manifest import (
@@ -37,11 +37,14 @@ from app.services.archive.manifest import (
 )
 from app.services.archive.staging import StagedRows
 from app.services.installation.context import ServiceContext
+from app.services.maintenance.unfinished import (
+    FOLDERS_LOCK,
+    RESTORING_LOCK,
+    RESTORING_SESSION,
+    remove_left_folders,
+)
 from app.services.originals import remove_unreferenced
 
-_FOLDER, _LOCK = "restoring-session-", "restoring.lock"
-_FOLDERS_LOCK = "migrate.lock"
-"""The data folder's own, which only changes of the schema hold otherwise."""
 _MARGIN = 2.0
 """The rows' bytes are there as lines, and twice in the database that is migrated."""
 
@@ -87,25 +90,16 @@ def restore_session(installation: ServiceContext, path: Path, *, trusted: str | 
 @contextmanager
 def _staging(data_dir: Path) -> Iterator[Path]:
     """Give a folder for what is not examined yet, and remove those that restores left which were killed."""
-    folder = data_dir / f"{_FOLDER}{secrets.token_hex(8)}"
-    lock = FileLock(folder / _LOCK)
+    folder = data_dir / f"{RESTORING_SESSION}{secrets.token_hex(8)}"
+    lock = FileLock(folder / RESTORING_LOCK)
     # A folder whose lock is not taken yet looks like one that was left.
-    with FileLock(data_dir / _FOLDERS_LOCK):
-        for left in data_dir.glob(f"{_FOLDER}*"):
-            _remove_left(left)
+    with FileLock(data_dir / FOLDERS_LOCK):
+        remove_left_folders(data_dir)
         folder.mkdir(mode=0o700)
         lock.acquire()
     try:
         yield folder
     finally:
-        lock.release()
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def _remove_left(folder: Path) -> None:
-    lock = FileLock(folder / _LOCK)
-    with suppress(AlreadyLocked, FileNotFoundError):  # in use, or gone meanwhile
-        lock.acquire()
         lock.release()
         shutil.rmtree(folder, ignore_errors=True)
 

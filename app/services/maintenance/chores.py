@@ -19,6 +19,7 @@ from app.services.installation.context import ServiceContext
 from app.services.installation.loop import Loop
 from app.services.maintenance.orphans import OrphanSweep
 from app.services.maintenance.retention import Retention, elapsed_s
+from app.services.maintenance.unfinished import UnfinishedFiles
 from app.services.originals import finish_removals
 
 INTERVAL_S = 600.0
@@ -45,10 +46,12 @@ def chores(installation: ServiceContext) -> list[Chore]:
     """Return what an installation needs done."""
     database, blobs = installation.database, installation.blobs
     sweep = OrphanSweep(database, blobs, installation.settings.data_dir)
+    unfinished = UnfinishedFiles(installation.settings.data_dir)
     retention = Retention(installation)
     return [
         ("finish_removals", lambda turn: finish_removals(database, blobs, stopped=turn.stopped)),
         ("sweep_orphans", lambda turn: sweep.run(turn.now_s, stopped=turn.stopped)),
+        ("sweep_unfinished", lambda turn: unfinished.run()),
         # The clock as it is: retention itself judges whether to believe it.
         ("retention", lambda turn: retention.run(datetime.now(UTC), elapsed_s(), stopped=turn.stopped)),
     ]
