@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 
 from app.errors import ServiceError
-from app.logs import Logger
+from app.logs import Logger, Sparingly
 
 log = Logger(__name__)
 
@@ -14,12 +14,13 @@ log = Logger(__name__)
 class Loop:
     """A thread that calls `step` again while it returns True, else after `every_s` or when woken, until stopped.
 
-    What a step raises is logged, and the loop goes on.
+    What a step raises is logged, what it is put off for once a minute, and the loop goes on.
     """
 
     def __init__(self, name: str, step: Callable[[], bool | None], every_s: float) -> None:
         self._name, self._step, self._every_s = name, step, every_s
         self._stopping = False
+        self._may_log = Sparingly()
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
@@ -57,7 +58,8 @@ class Loop:
                 if self._step():
                     continue
             except ServiceError as error:  # a full disk or a busy database passes
-                log.warning("step_put_off", part=self._name, code=error.code)
+                if self._may_log.due(error.code):
+                    log.warning("step_put_off", part=self._name, code=error.code)
             except Exception:
                 log.exception("step_failed", part=self._name)
             if not self._stopping:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import threading
 
-from app.errors import Unavailable
+import pytest
+
+from app.errors import StorageFull, Unavailable
+from app.services.installation import loop as loop_module
 from app.services.installation.loop import Loop
 
 WITHIN_S = 60.0
@@ -23,6 +26,23 @@ def test_a_step_that_fails_does_not_end_the_loop() -> None:
     loop.start()
     assert done.wait(WITHIN_S)
     loop.stop()
+
+
+def test_what_a_step_is_put_off_for_is_logged_once_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
+    done, count, lines = threading.Event(), iter(range(5)), list[str]()
+    monkeypatch.setattr(loop_module.log, "warning", lambda event, **fields: lines.append(fields["code"]))
+
+    def step() -> None:
+        number = next(count, None)
+        if number is None:
+            done.set()
+        raise Unavailable("The database is busy.") if number == 3 else StorageFull("The disk is full.")
+
+    loop = Loop("steps", step, 0.01)
+    loop.start()
+    assert done.wait(WITHIN_S)
+    loop.stop()
+    assert sorted(lines) == sorted({Unavailable("").code, StorageFull("").code})
 
 
 def test_a_loop_goes_on_while_there_is_more_and_waits_until_woken() -> None:
