@@ -1,8 +1,9 @@
 """Retention: what is older than `GRIDPOSE_RETENTION_DAYS` is removed, originals and sessions together.
 
 A session is as old as the newest thing in it: its last image, commanded pose or measured pose, by the moments their
-ids were made. It goes as a whole, as if somebody had deleted it, so that no result is left whose image is gone and no
-client sends an image again that was removed on purpose. One with images that are not computed yet stays.
+ids were made; one that was restored from an archive is at most as old as its restore, by the audit trail. It goes as a
+whole, as if somebody had deleted it, so that no result is left whose image is gone and no client sends an image again
+that was removed on purpose. One with images that are not computed yet stays.
 
 A clock that jumps ahead by years must not remove everything. The clock is trusted once it has agreed with itself for a
 day: over runs that follow one another by at most `MAX_GAP`, and within one process by the time that has passed in
@@ -29,8 +30,8 @@ from app.blobs.durable import write_durably
 from app.errors import NotFound
 from app.logs import Logger
 from app.records.activity import Activity, acting
-from app.records.ids import is_id, moment_of
-from app.records.tables import MeasuredPose, Measurement, Pose, Session
+from app.records.ids import is_id, least_id, moment_of
+from app.records.tables import AuditEntry, MeasuredPose, Measurement, Pose, Session
 from app.services.installation.context import ServiceContext
 from app.services.sessions import delete_session
 
@@ -144,6 +145,7 @@ def apply_retention(
         # Ids are in the order of time: the first one that is young enough ends the search.
         known = records.execute(sa.select(Session.id, Session.name).order_by(Session.id)).all()
     removed: list[Expired] = []
+    restored: frozenset[str] | None = None
     for session_id, name in known:
         if stopped():
             break
@@ -156,6 +158,10 @@ def apply_retention(
                 log.warning("session_not_expired", session_id=session_id, reason="an id in it is damaged")
                 continue
             if newest >= limit or _is_pending(records, session_id):
+                continue
+            if restored is None:  # read for the first that is old, which few rounds have
+                restored = _restored_since(records, limit)
+            if session_id in restored:
                 continue
         if _remove(installation, session_id, limit):
             removed.append(Expired(session_id, name, newest))
@@ -200,6 +206,16 @@ def _newest(records: orm.Session, session_id: str) -> datetime | None:
     moments = [_moment(row_id) for row_id in ids if row_id is not None]
     known = [moment for moment in moments if moment is not None]
     return max(known) if len(known) == len(moments) else None
+
+
+def _restored_since(records: orm.Session, moment: datetime) -> frozenset[str]:
+    """Return the sessions that somebody restored from archives since then, on purpose and to look at."""
+    entries = records.scalars(
+        sa.select(AuditEntry.object_ids).where(
+            AuditEntry.id >= least_id("aud", moment), AuditEntry.action == "restore_session"
+        )
+    )
+    return frozenset(each for object_ids in entries for each in object_ids)
 
 
 def _is_pending(records: orm.Session, session_id: str) -> bool:

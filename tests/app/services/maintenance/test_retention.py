@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,7 +12,9 @@ import sqlalchemy as sa
 
 from app.records.ids import moment_of, new_id
 from app.records.tables import Measurement
+from app.services.archive import archive_session, restore_session
 from app.services.maintenance.retention import MAX_GAP, STATE, Retention, apply_retention
+from app.services.sessions import delete_session
 
 DAYS = 30
 
@@ -97,6 +100,26 @@ def test_a_young_pose_or_image_keeps_an_old_session(
     removed = apply_retention(keeping_api.installation, later(days=DAYS + 1))
     assert [expired.session_id for expired in removed] == [gone]
     assert sorted(sessions(keeping_api)) == sorted(kept)
+
+
+def test_the_days_of_a_session_from_an_archive_count_from_its_restore(
+    keeping_api: Any, grey_png: bytes, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    installation, archive = keeping_api.installation, tmp_path / "old.tar.gz"
+    with monkeypatch.context() as long_ago:
+        long_ago.setattr("app.records.ids.time.time_ns", lambda: int(later(days=-100).timestamp() * 1e9))
+        long_ago.setattr("app.records.ids._last", 0)
+        session_id = old_session(keeping_api, grey_png)
+        not_restored = old_session(keeping_api, grey_png + b"another")
+        archive_session(installation, session_id, archive)
+        assert delete_session(installation.database, installation.blobs, session_id)
+    restore_session(installation, archive)
+    assert [expired.session_id for expired in apply_retention(installation, later())] == [not_restored]
+    assert apply_retention(installation, later(days=DAYS - 1)) == []
+    assert sessions(keeping_api) == [session_id]
+    assert [expired.session_id for expired in apply_retention(installation, later(days=DAYS + 1))] == [
+        session_id
+    ]
 
 
 @pytest.mark.parametrize("status", ["queued", "running"])
