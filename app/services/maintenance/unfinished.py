@@ -1,8 +1,8 @@
 """What processes left in the data folder that were killed while they wrote it.
 
 A small file, and an original of a restored session, is written under its name with sixteen digits appended, then
-renamed; a session is restored by way of a folder of its own, which is locked meanwhile. Nothing tells a file that was
-left from one that is being written but time, which no clock has to measure: writing one never lasts from one round to
+renamed; a session is restored by way of a folder of its own, which is locked meanwhile. Only time shows that a file was
+left and is not being written, and no clock has to measure it: writing one never lasts from one round to
 the next.
 """
 
