@@ -42,6 +42,7 @@ from app.api.routes.documents import histories, qualifications, reports, robot_e
 from app.build import program_version
 from app.delivery import Delivery
 from app.jobs.painting import ImagePainter
+from app.jobs.worker_init import keep_compiled_code
 from app.logs import Logger
 from app.records.file_lock import AlreadyLocked, FileLock
 from app.services.following import SessionNews
@@ -159,6 +160,7 @@ def _start(settings: Settings, metrics: Metrics) -> AppContext:
     leftovers = installation.blobs.prepare()
     if leftovers:
         log.info("interrupted_uploads_removed", files=leftovers)
+    keep_compiled_code(settings.data_dir)
     runner = None
     if settings.worker_count > 0:
         runner = installation.runner()

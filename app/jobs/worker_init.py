@@ -37,9 +37,13 @@ def keep_compiled_code(data_dir: Path) -> None:
 
     What an installation compiled is read where it lies; this is the place of the rest, such as the code for another
     processor than the installation's, which every worker that starts would compile again, many seconds each.
+
+    There, home and temporary folders may not be written either, without which matplotlib draws nothing: it keeps its
+    list of fonts in the data folder, too.
     """
     if not os.access(Path(__file__).parents[2] / "core", os.W_OK):
         os.environ.setdefault("NUMBA_CACHE_DIR", str(data_dir / "compiled"))
+        os.environ.setdefault("MPLCONFIGDIR", str(data_dir / "compiled" / "matplotlib"))
 
 
 def start_worker(max_image_pixels: int, tied_to_thread: bool) -> None:

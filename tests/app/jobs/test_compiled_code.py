@@ -100,15 +100,20 @@ def test_jobs_compile_nothing_that_an_installation_did_not() -> None:
 def test_kept_in_the_data_folder_only_where_the_program_may_not_be_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writable: bool
 ) -> None:
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "")  # so that what is set below is undone
-    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    for name in ("NUMBA_CACHE_DIR", "MPLCONFIGDIR"):
+        monkeypatch.setenv(name, "")  # so that what is set below is undone
+        monkeypatch.delenv(name)
     monkeypatch.setattr(os, "access", lambda path, mode: writable)
     keep_compiled_code(tmp_path)
-    assert os.environ.get("NUMBA_CACHE_DIR") == (None if writable else str(tmp_path / "compiled"))
+    folders = [os.environ.get(name) for name in ("NUMBA_CACHE_DIR", "MPLCONFIGDIR")]
+    compiled = tmp_path / "compiled"
+    assert folders == ([None, None] if writable else [str(compiled), str(compiled / "matplotlib")])
 
 
 def test_a_place_of_the_users_own_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/elsewhere")
+    monkeypatch.setenv("MPLCONFIGDIR", "/elsewhere too")
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     keep_compiled_code(tmp_path)
     assert os.environ["NUMBA_CACHE_DIR"] == "/elsewhere"
+    assert os.environ["MPLCONFIGDIR"] == "/elsewhere too"
