@@ -5,6 +5,7 @@ What may refuse the start comes first, and loads nothing of what serves.
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import socket
@@ -95,8 +96,19 @@ def listen(settings: Settings) -> socket.socket:
         listener.close()
         fail(
             f"Cannot listen on {settings.host}, port {settings.port}: {error.strerror or error}.",
-            "Another program may use the port: choose another with --port, or --port 0 for any free one.",
+            _listening_advice(error),
         )
+
+
+def _listening_advice(error: OSError) -> str:
+    if error.errno == errno.EADDRINUSE:
+        return "Another program uses the port: choose another with --port, or --port 0 for any free one."
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return "This user may not use the port: choose one above 1023 with --port."
+    return (
+        "Name an address of this machine with --host or GRIDPOSE_HOST, without brackets: 127.0.0.1 or ::1 for this "
+        "machine alone."
+    )
 
 
 @contextmanager

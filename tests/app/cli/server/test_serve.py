@@ -12,6 +12,7 @@ import threading
 from pathlib import Path
 
 import pytest
+import typer
 
 from app.cli.server import http_server
 from app.cli.server.connections import Connection
@@ -20,6 +21,15 @@ from app.cli.server.serve import listen
 from app.cli.server.worker import StopRequested
 from app.settings import Settings
 from tests.support.service.service import wait_until
+
+
+@pytest.mark.parametrize(("host", "advised"), [("127.0.0.1", "--port 0"), ("[::1]", "without brackets")])
+def test_who_cannot_listen_is_advised_of_what_helps(
+    host: str, advised: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other, pytest.raises(typer.Exit):
+        listen(Settings(host=host, port=other.getsockname()[1]))
+    assert advised in " ".join(capsys.readouterr().err.split())
 
 
 def test_answers_do_not_wait_for_delayed_acknowledgements() -> None:
