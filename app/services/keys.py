@@ -241,6 +241,8 @@ def _hash(pepper: bytes, secret: str) -> str:
 
 
 WRITE_EVERY_S = 60.0
+MAX_AHEAD = timedelta(hours=1)
+"""A use that lies further ahead was noted by a clock that was wrong; less may be another service's."""
 log = Logger(__name__)
 
 
@@ -282,7 +284,11 @@ class KeyUse:
                         sa.update(ApiKey)
                         .where(
                             ApiKey.id == key_id,
-                            sa.or_(ApiKey.last_used_at.is_(None), ApiKey.last_used_at < moment),
+                            sa.or_(
+                                ApiKey.last_used_at.is_(None),
+                                ApiKey.last_used_at < moment,
+                                ApiKey.last_used_at > moment + MAX_AHEAD,
+                            ),
                         )
                         .values(last_used_at=moment)
                         .execution_options(synchronize_session=False)

@@ -162,6 +162,23 @@ def test_keys_know_when_they_were_last_used(any_api: Any) -> None:
     assert len(entries(any_api, object_id=made["id"])) == 1, "using a key is no change"
 
 
+@pytest.mark.parametrize(("ahead", "stays"), [(timedelta(days=365), False), (timedelta(minutes=5), True)])
+def test_a_use_noted_by_a_clock_that_was_ahead_gives_way_to_the_next(
+    any_api: Any, ahead: timedelta, stays: bool
+) -> None:
+    key_id = any_api.client.get("/v1/keys").json()["items"][0]["id"]
+    noted = datetime.now(UTC) + ahead
+    with any_api.installation.database.write() as records:
+        records.execute(sa.update(ApiKey).where(ApiKey.id == key_id).values(last_used_at=noted))
+    any_api.service.key_use.note(key_id)
+    any_api.service.key_use.write()
+    with any_api.installation.database.read() as records:
+        used = records.get_one(ApiKey, key_id).last_used_at
+    assert used is not None
+    assert (used == noted) is stays
+    assert used <= noted
+
+
 def test_the_last_use_is_not_lost_when_the_service_ends(open_api: Any) -> None:
     with open_api() as running:
         running.client.get("/v1/targets")
