@@ -277,9 +277,8 @@ class KeyUse:
             return
         try:
             with self._database.write() as records:
-                for key_id, moment in sorted(
-                    seen.items()
-                ):  # one order, so that two processes never wait in a ring
+                # One order, so that two processes never wait in a ring.
+                for key_id, moment in sorted(seen.items()):
                     records.execute(
                         sa.update(ApiKey)
                         .where(
