@@ -114,7 +114,7 @@ def trace_detection(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"],
             best = lattice
         if best is not None and best.known.all():
             break
-    # A board of that size that finer levels show, whole or not, is not blurred: they say why it is none.
+    # A board of that size that finer levels show, whole or not, is not blurred: they show why it is refused.
     if best is None and not any(fits(board, target) for step in steps for board in step.boards):
         for step in _search(image, blurred_levels(image)):
             best = _the_one(step.boards, target)
