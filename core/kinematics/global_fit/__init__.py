@@ -15,7 +15,6 @@ from core.kinematics.global_fit.residuals import (
     whitened,
     whitener,
 )
-from core.kinematics.global_fit.sandwich import sandwich_covariance
 from core.kinematics.global_fit.validation import (
     FOLDS,
     BlockErrors,
@@ -58,7 +57,6 @@ __all__ = [
     "placed",
     "refine",
     "rms",
-    "sandwich_covariance",
     "scaled",
     "unidentifiable",
     "validate",

@@ -45,7 +45,6 @@ from core.kinematics.global_fit import (
     placed,
     refine,
     rms,
-    sandwich_covariance,
     validate,
 )
 from core.kinematics.identification.consistency import require_consistent
@@ -198,8 +197,6 @@ def _report(
     kinematic = int(gauge.free.sum())
     covariance = refined.covariance[:kinematic, :kinematic]
     if extension is None:
-        if not layout.shared:  # errors that all poses share leave the single ones too little to go by
-            covariance = sandwich_covariance(refined, seen)
         open_ones = gauge.by_assumed[gauge.free]
         covariance = covariance + open_ones @ open_ones.T
     how = conditioning(arm, refined.jacobian, gauge.free, refined.used)

@@ -27,8 +27,7 @@ class Identification:
         The arm: T_target_camera = T_target_base · forward(chain, q) · T_flange_camera; a base for each target.
     names, covariance
         Of the parameters that were fitted (mm, rad): keys of `ParameterLayout.keys`, joints', then the tool's and the
-        bases', whose rotations are turned from the left. Of the chain alone, without shared errors, by
-        `sandwich_covariance`.
+        bases', whose rotations are turned from the left.
     scatter
         The robot's own: standard deviation of each coordinate of position (mm) and of rotation (rad), beyond the
         instrument's stated noise; all of the noise where none was stated.
