@@ -186,7 +186,13 @@ def _transport(host: str) -> CheckResult:
 
 
 def _room(folder: Path, floor: int) -> CheckResult:
-    free = shutil.disk_usage(folder).free
+    disk = shutil.disk_usage(folder)
+    free = disk.free
+    if floor > disk.total:
+        return failed(
+            f"{_size(free)} free of {_size(disk.total)}, and the minimum is {_size(floor)}: uploads are refused",
+            "Lower GRIDPOSE_DISK_FLOOR_BYTES: no room on this disk is enough.",
+        )
     if free < floor:
         return failed(
             f"{_size(free)} free, below the minimum of {_size(floor)}: uploads are refused",

@@ -221,4 +221,6 @@ def test_a_chore_that_fails_ends_nothing(api: Any) -> None:
     assert twice.wait(60.0)
     maintenance.stop()
     assert done[:4] == ["failing", "last", "failing", "last"]
-    assert [name for name, _ in chores(api.installation)] == ["finish_removals", "sweep_orphans", "retention"]
+    assert [name for name, _ in chores(api.installation)] == [
+        *("finish_removals", "sweep_orphans", "sweep_unfinished", "retention")
+    ]
