@@ -59,7 +59,6 @@ _IN_PLACE = 0.2  # of a dot's radius: a highlight moves it by less
 _SQUARE = 0.05  # of `fourth_harmonic_share`: round dots have less than .02, a grille's of 8 px .13
 _MIN_EXTENT = 0.25  # of the largest board's: a smaller one is ignored
 _MAX_VARIANCE = 6.0  # of the residuals, times the median
-_MAX_MISFIT = 0.1  # of its contrast: what an ellipse leaves of the larger dot
 _MIN_CONTRAST = 4.0  # standard deviations of the noise: fainter ones have a shape by chance
 _ROUNDING = 1.0 / 12.0
 
@@ -209,9 +208,7 @@ def _grid_points(
     usual_contrast, usual_radius = (
         float(np.median(values[trusted])) if trusted.any() else 0.0 for values in (contrast, radius)
     )
-    # The larger dot's edge comes near to its neighbours': what these leave in its residuals is no sign of its shape.
-    is_ellipse = fitted.trusted & in_place & (variance <= (_MAX_MISFIT * contrast) ** 2)
-    larger = larger_dot(radius, slenderness(J, fitted), trusted | is_ellipse)
+    larger = larger_dot(radius, slenderness(J, fitted), trusted)
     match, is_resolved = oriented(matches, larger, fitted, target, is_part=is_part)
     warnings: tuple[Advisory, ...] = () if is_resolved else (_AMBIGUOUS,)
     odd = np.abs(radius - usual_radius) > ODD * usual_radius  # cut, half hidden, or no dots of the board

@@ -103,6 +103,8 @@ def test_names_are_wrong_that_no_turn_makes_right(kind: str) -> None:
         (2, 235, "circles"),
         # A blot over a dot at a corner is not round, as the larger dot of an origin is.
         (811, 11, "circles"),
+        # A round blot of fainter print where the origin could be, its edge within a dot's noise.
+        (771220930, 11, "asymmetric_circles"),
     ],
 )
 def test_a_part_of_a_board_without_its_larger_dot_is_rejected(seed: int, number: int, kind: str) -> None:

@@ -76,7 +76,7 @@ def test_a_larger_dot_beyond_a_shadows_edge_is_the_origin() -> None:
         assert np.hypot(*(found.points_px - truth).T).max() < 1.0
 
 
-@pytest.mark.parametrize("direction_deg", [0.0, 45.0, 90.0])
+@pytest.mark.parametrize("direction_deg", [0.0, 90.0])
 def test_a_larger_dot_in_motion_is_the_origin(direction_deg: float) -> None:
     """Motion makes the other dots more slender than a blot next to one makes it; the larger dot less so."""
     target = TargetSpec("circles", 8, 8, 25.0)
