@@ -25,7 +25,8 @@ class Uploaders:
 
     `uploads` gives the pose and the bytes of an upload by its number; `where` gives the service's present address,
     an empty text while it has none. A broken connection is tried again, and so is an answer whose status is in
-    `endured`; any other refusal ends the uploaders and fails the test.
+    `endured`; any other refusal ends the uploaders and fails the test. Upload `held_from` and later ones wait for
+    `release`, so that a test's fault comes before them on a machine of any speed.
     """
 
     def __init__(
@@ -37,6 +38,7 @@ class Uploaders:
         where: Callable[[], str],
         *,
         endured: frozenset[int] = frozenset(),
+        held_from: int | None = None,
     ) -> None:
         self.acknowledged: list[tuple[str, str]] = []
         self.refusals: Counter[str] = Counter()
@@ -47,9 +49,10 @@ class Uploaders:
         self._count = count
         self._where = where
         self._endured = endured
+        self._released = count if held_from is None else held_from
         self._news = threading.Condition()
         self._pause = threading.Event()
-        self._numbers = iter(range(count))
+        self._begun = 0
         self._threads = [threading.Thread(target=self._upload_all, daemon=True) for _ in range(UPLOADERS)]
 
     def begin(self) -> None:
@@ -67,10 +70,17 @@ class Uploaders:
         assert not self.failures, self.failures
         assert met, f"{len(self.acknowledged)} uploads were acknowledged; refused: {dict(self.refusals)}"
 
+    def release(self, count: int) -> None:
+        """Let uploads before number `count` begin."""
+        with self._news:
+            self._released = count
+            self._news.notify_all()
+
     def stop_early(self) -> None:
         """Begin no further upload; those under way are sent until acknowledged."""
         with self._news:
-            self._numbers = iter(())
+            self._count = self._begun
+            self._news.notify_all()
 
     def finish(self) -> None:
         """Wait until every upload that was begun is acknowledged."""
@@ -82,8 +92,7 @@ class Uploaders:
     def _upload_all(self) -> None:
         with httpx2.Client(headers=self._headers, timeout=30) as http:
             while True:
-                with self._news:
-                    number = next(self._numbers, None)
+                number = self._next_number()
                 if number is None:
                     return
                 pose_id, data = self._uploads(number)
@@ -97,6 +106,15 @@ class Uploaders:
                     self._news.notify_all()
                 if failure is not None:
                     return
+
+    def _next_number(self) -> int | None:
+        with self._news:
+            self._news.wait_for(lambda: self._begun >= self._count or self._begun < self._released)
+            if self._begun >= self._count:
+                return None
+            self._begun += 1
+            self._news.notify_all()
+            return self._begun - 1
 
     def _send_until_acknowledged(
         self, http: httpx2.Client, pose_id: str, sha256: str, data: bytes

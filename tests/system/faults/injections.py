@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import resource
 import shutil
@@ -10,6 +11,7 @@ import signal
 import socket
 import struct
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -17,6 +19,8 @@ from urllib.parse import urlsplit
 import httpx2
 
 _PIECE = 1024 * 1024
+_LOOKS = 10
+_LOOK_EVERY_S = 0.005
 
 
 def missing_tool(name: str) -> str | None:
@@ -74,8 +78,20 @@ def limited(pid: int, limit: int, value: int) -> Iterator[None]:
 
 
 def open_files(pid: int) -> int:
-    """Return the lowest limit under which a process keeps the files it has open and opens no more."""
-    return max(int(name.name) for name in Path(f"/proc/{pid}/fd").iterdir()) + 1
+    """Return the limit under which a process opens no more files: the lowest number it does not hold for good.
+
+    The kernel gives a new file the lowest free number. A limit above the highest number in use would leave free
+    those below it, which a file that is open for a moment may have passed over.
+    """
+    held = _open_now(pid)
+    for _ in range(_LOOKS):
+        time.sleep(_LOOK_EVERY_S)
+        held &= _open_now(pid)
+    return next(number for number in itertools.count() if number not in held)
+
+
+def _open_now(pid: int) -> set[int]:
+    return {int(entry.name) for entry in Path(f"/proc/{pid}/fd").iterdir()}
 
 
 def address_space(pid: int) -> int:

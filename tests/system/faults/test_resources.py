@@ -36,12 +36,13 @@ def test_full_disk_then_room_again(trial: Trial, tmp_path: Path, need: Callable[
     with small_disk(tmp_path / "disk", 48) as disk:
         service = Supervisor(disk / "data", {"GRIDPOSE_DISK_FLOOR_BYTES": "0"})
         with trial.serving(service):
-            uploads = trial.upload(60)
-            for acknowledged in (10, 25, 40):
+            uploads = trial.upload(60, held_from=10)
+            for acknowledged, released in ((10, 25), (25, 40), (40, 60)):
                 uploads.wait_for(acknowledged)
                 refused = uploads.refusals["507"]
                 with filled(disk):
                     trial.inject()
+                    uploads.release(released)
                     uploads.wait_until(lambda least=refused + 2: uploads.refusals["507"] >= least)
                     assert answers(service.url, 10)
             trial.conclude()
@@ -50,12 +51,13 @@ def test_full_disk_then_room_again(trial: Trial, tmp_path: Path, need: Callable[
 
 def test_file_size_limit(trial: Trial, data_dir: Path) -> None:
     with trial.serving(Supervisor(data_dir)) as service:
-        uploads = trial.upload(40)
-        for acknowledged in (8, 20):
+        uploads = trial.upload(40, held_from=8)
+        for acknowledged, released in ((8, 20), (20, 40)):
             uploads.wait_for(acknowledged)
             refused = uploads.refusals["507"]
             with limited(service.pid, resource.RLIMIT_FSIZE, 4096):
                 trial.inject()
+                uploads.release(released)
                 uploads.wait_until(lambda least=refused + 2: uploads.refusals["507"] >= least)
                 assert answers(service.url, 10)
         trial.conclude()

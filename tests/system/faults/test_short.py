@@ -33,20 +33,23 @@ def test_faults_in_short(trial: Trial, data_dir: Path) -> None:
         pid = service.pid
         with trial.client() as client:
             session_id = new_session(client)
-        uploads = trial.upload(72)
+        uploads = trial.upload(72, held_from=8)
 
         uploads.wait_for(8)
         refused = uploads.refusals["507"]
         with limited(pid, resource.RLIMIT_FSIZE, 4096):
             trial.inject()
+            uploads.release(24)
             uploads.wait_until(lambda: uploads.refusals["507"] > refused)
 
         uploads.wait_for(24)
         refused = uploads.refusals["503"]
         with limited(pid, resource.RLIMIT_NOFILE, open_files(pid)):
             trial.inject()
+            uploads.release(40)
             uploads.wait_until(lambda: uploads.refusals["503"] > refused)
 
+        uploads.release(72)
         uploads.wait_for(40)
         trial.inject()
         os.kill(max(worker_processes(pid), key=cpu_seconds), signal.SIGKILL)

@@ -80,7 +80,13 @@ class Trial:
             return new_session(client, BOARD)
 
     def upload(
-        self, count: int, first: int = 0, form: Form = "png", *, session_id: str | None = None
+        self,
+        count: int,
+        first: int = 0,
+        form: Form = "png",
+        *,
+        session_id: str | None = None,
+        held_from: int | None = None,
     ) -> Uploaders:
         """Begin to upload images `first` to `first + count` to a session: to one of their own unless one is named."""
         service = self.service
@@ -93,7 +99,13 @@ class Trial:
             return f"P{number // _POSE_EVERY}", data
 
         uploaders = Uploaders(
-            session_id, service.admin_key, make, count, lambda: service.url, endured=ENDURED
+            session_id,
+            service.admin_key,
+            make,
+            count,
+            lambda: service.url,
+            endured=ENDURED,
+            held_from=held_from,
         )
         self._uploaders.append((session_id, uploaders))
         uploaders.begin()
