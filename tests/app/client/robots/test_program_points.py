@@ -103,16 +103,77 @@ def test_every_point_is_found_or_named_and_no_frame_is_one(
     assert found.incomplete_lines == left
 
 
-def test_frames_of_a_listing_that_differ_from_point_to_point_are_known(tmp_path: Path) -> None:
-    point = """P[{0}]{{
+KUKA_POINT = "DECL E6POS X{0}={{X 1.0,Y 2.0,Z 3.0,A 4.0,B 5.0,C 6.0,S 2,T 35}}\n"
+KUKA_FORM = 'DECL FDAT F{0}={{TOOL_NO {1},BASE_NO {2},IPO_FRAME #BASE,POINT2[] " "}}\n'
+ABB_POINT = "CONST robtarget p1:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\n"
+FANUC_POINT = """P[{0}]{{
    GP1:
 \tUF : {1}, UT : {2},\t\tCONFIG : 'N U T, 0, 0, 0',
 \tX =   500.000  mm,\tY =   -99.999  mm,\tZ =   600.000  mm,
 \tW =   178.000 deg,\tP =    10.000 deg,\tR =   -20.000 deg
 }};
 """
-    path = tmp_path / "PART.LS"
-    one, two = point.format(1, 0, 1) + point.format(2, 0, 1), point.format(3, 1, 1)
-    for text, frames in ((one, {"UF 0, UT 1"}), (one + two, {"UF 0, UT 1", "UF 1, UT 1"})):
-        path.write_text(f"/POS\n{text}/END\n")
-        assert read_program(path, Controller.fanuc, Frame(), Frame()).frames == frames
+
+
+@pytest.mark.parametrize(
+    ("make", "text", "frames"),
+    [
+        (
+            "kuka",
+            # The home position is given as joint angles: its base is that of no point.
+            KUKA_POINT.format("P1") + KUKA_FORM.format("P1", 1, 2) + KUKA_FORM.format("HOME", 0, 0),
+            {"TOOL_NO 1, BASE_NO 2"},
+        ),
+        (
+            "kuka",
+            "".join(
+                KUKA_POINT.format(f"P{base}") + KUKA_FORM.format(f"P{base}", 1, base) for base in (1, 2, 3)
+            ),
+            {"TOOL_NO 1, BASE_NO 1", "TOOL_NO 1, BASE_NO 2", "TOOL_NO 1, BASE_NO 3"},
+        ),
+        ("kuka", "$BASE=BASE_DATA[1]\n$TOOL = TOOL_DATA[1]\n" + KUKA_POINT.format("P1"), set()),
+        (
+            "kuka",
+            "$BASE=BASE_DATA[1]\n;$BASE=BASE_DATA[3]\n$base = BASE_DATA[2]\n" + KUKA_POINT.format("P1"),
+            {"$BASE=BASE_DATA[1]", "$BASE=BASE_DATA[2]"},
+        ),
+        (
+            "abb",
+            ABB_POINT
+            + "MoveAbsJ jhome, v100, fine, tool0;\nMoveL p1,v100,z10,Gun\\WObj:=part;\n! MoveL p1,v1,fine,other;\n"
+            "MoveC Offs(p1,0,0,10), p1\\ID:=3, v100\\T:=2, fine\\Inpos:=x, gun \\WObj := Part \\Corr;\n",
+            {"gun, part"},
+        ),
+        (
+            "abb",
+            ABB_POINT + "MoveJ p1,v100,z10,gun;\nMoveL p1,v100,z10,gun\\WObj:=part;\n",
+            {"gun, wobj0", "gun, part"},
+        ),
+        (
+            "ur",
+            "set_tcp(p[0,0,0.1,0,0,0])\nmovel(p[.4,0,.3,0,3,0])\nset_tcp(p[0, 0, 0.1, 0, 0, 0])\n",
+            {"set_tcp(p[0,0,0.1,0,0,0])"},
+        ),
+        (
+            "ur",
+            "set_tcp(gun)\nmovel(p[.4,0,.3,0,3,0])\nset_tcp(gripper)\nmovel(p[.4,0,.3,0,3,0])\n",
+            {"set_tcp(gun)", "set_tcp(gripper)"},
+        ),
+        (
+            "fanuc",
+            "/POS\n" + FANUC_POINT.format(1, 0, 1) + FANUC_POINT.format(2, 0, 1) + "/END\n",
+            {"UF 0, UT 1"},
+        ),
+        (
+            "fanuc",
+            "/POS\n" + FANUC_POINT.format(1, 0, 1) + FANUC_POINT.format(2, 1, 1) + "/END\n",
+            {"UF 0, UT 1", "UF 1, UT 1"},
+        ),
+    ],
+)
+def test_the_frames_that_a_program_names_for_its_points_are_known(
+    tmp_path: Path, make: str, text: str, frames: set[str]
+) -> None:
+    path = tmp_path / "program"
+    path.write_text(text)
+    assert read_program(path, Controller(make), Frame(), Frame()).frames == frames

@@ -17,6 +17,7 @@ from ...rotations import (
     to_roll_pitch_yaw,
     to_vector,
 )
+from .frames import FramesOf, krl_frames, rapid_frames, tp_frames, urscript_frames
 from .points import Found, krl, rapid, tp, urscript
 
 
@@ -37,6 +38,8 @@ class Language:
     ----------
     find
         The points of a text.
+    frames
+        The frames that it names for them.
     frame_of, numbers_of
         Between the numbers of a Cartesian point and its frame.
     degrees
@@ -46,6 +49,7 @@ class Language:
     """
 
     find: Callable[[str], Iterator[Found]]
+    frames: FramesOf
     frame_of: Callable[[Sequence[float]], Frame]
     numbers_of: Callable[[Frame], Sequence[float]]
     degrees: float
@@ -82,19 +86,24 @@ def _quaternion_of(frame: Frame) -> list[float]:
 LANGUAGES = {
     Controller.kuka: Language(
         krl,
+        krl_frames,
         lambda numbers: _of_angles(numbers, (2, 1, 0)),  # A, B, C: about z, y, x
         lambda frame: [*frame.position_mm, *reversed(_angles_of(frame))],
         *(1.0, 5, (4, 4, 4, 5, 5, 5)),
     ),
-    Controller.abb: Language(rapid, _of_quaternion, _quaternion_of, 1.0, 5, (4, 4, 4, 9, 9, 9, 9)),
+    Controller.abb: Language(
+        rapid, rapid_frames, _of_quaternion, _quaternion_of, 1.0, 5, (4, 4, 4, 9, 9, 9, 9)
+    ),
     Controller.ur: Language(
         urscript,
+        urscript_frames,
         lambda numbers: Frame(from_vector(numbers[3:]), [1e3 * value for value in numbers[:3]]),
         lambda frame: [*(1e-3 * value for value in frame.position_mm), *to_vector(frame.rotation)],
         *(math.degrees(1.0), 7, (7, 7, 7, 8, 8, 8)),
     ),
     Controller.fanuc: Language(
         tp,
+        tp_frames,
         lambda numbers: _of_angles(numbers, (0, 1, 2)),  # W, P, R: about x, y, z
         lambda frame: [*frame.position_mm, *_angles_of(frame)],
         *(1.0, 3, (3, 3, 3, 3, 3, 3)),

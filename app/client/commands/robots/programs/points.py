@@ -17,24 +17,20 @@ from dataclasses import dataclass
 
 Span = tuple[int, int]
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_FLAGS = re.IGNORECASE | re.MULTILINE
+FLAGS = re.IGNORECASE | re.MULTILINE
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A point in a program's text: where it begins, its name, and where its numbers stand; none: it is not whole.
-
-    `frame` names the frames that a Cartesian point states itself; elsewhere the move or the program does.
-    """
+    """A point in a program's text: where it begins, its name, and where its numbers stand; none: it is not whole."""
 
     start: int
     name: str
     joints: bool
     spans: tuple[Span, ...] | None
-    frame: str | None = None
 
 
-def _code(text: str, comment: str) -> str:
+def code_of(text: str, comment: str) -> str:
     """Return the text with spaces in place of strings and of comments, which the sign begins."""
     return re.sub(rf'"[^"\r\n]*"|{comment}[^\r\n]*', lambda match: " " * len(match[0]), text)
 
@@ -43,7 +39,7 @@ def _named(text: str, start: int, end: int, names: Sequence[str], separator: str
     """Return where text[start:end] has the numbers of the named fields; None where one is missing."""
     spans = []
     for name in names:
-        pattern = re.compile(rf"(?<![\w$]){name}{separator}({NUMBER})", _FLAGS)
+        pattern = re.compile(rf"(?<![\w$]){name}{separator}({NUMBER})", FLAGS)
         match = pattern.search(text, start, end)
         if match is None:
             return None
@@ -65,23 +61,23 @@ _KRL = re.compile(
     r"(?:(?:\b(?P<type>[a-z]\w*)[ \t]+)?(?<![\w$.])(?P<name>[a-z]\w*(?:\[\d+\])?)[ \t]*=[ \t]*"
     r"|\bS?(?:PTP|LIN|CIRC)[ \t]+|(?<=\})[ \t]*,[ \t]*)"
     r"\{(?:[ \t]*(?P<inner>\w+)[ \t]*:)?(?P<body>[^{}]*)\}(?P<operator>[ \t]*:)?",
-    _FLAGS,
+    FLAGS,
 )
 _KRL_POINTS = frozenset({"E6POS", "POS", "E6AXIS", "AXIS"})
 
 
 def krl(text: str) -> Iterator[Found]:
     """Find the points of a KUKA's .src or .dat; S and T make a value that is assigned a point, not a frame."""
-    code = _code(text, ";")
+    code = code_of(text, ";")
     for match in _KRL.finditer(code):
         start, end = match.span("body")
         kinds = {kind.upper() for kind in (match["type"], match["inner"]) if kind}
-        axes = re.search(r"(?<![\w$])A[1-6]\s", match["body"], _FLAGS) is not None
-        if not kinds <= _KRL_POINTS or not (axes or re.search(r"(?<![\w$])[XYZ]\s", match["body"], _FLAGS)):
+        axes = re.search(r"(?<![\w$])A[1-6]\s", match["body"], FLAGS) is not None
+        if not kinds <= _KRL_POINTS or not (axes or re.search(r"(?<![\w$])[XYZ]\s", match["body"], FLAGS)):
             continue
         spans = _named(code, start, end, _AXES if axes else ("X", "Y", "Z", "A", "B", "C"), r"[ \t]+")
         is_frame = (
-            match["name"] and not kinds and not axes and not re.search(r"\b[ST]\s", match["body"], _FLAGS)
+            match["name"] and not kinds and not axes and not re.search(r"\b[ST]\s", match["body"], FLAGS)
         )
         if is_frame or match["operator"]:
             spans = None
@@ -92,7 +88,7 @@ _PART = r"\s*\[([^\[\]]*)\]\s*"
 _RAPID = re.compile(
     r"\b(?:robtarget|jointtarget)[ \t]+(?P<array>\w+)[ \t]*\{[^}]*\}[ \t]*:=[^;]*"
     rf"|(?:(?P<name>\w+)[ \t]*:=[ \t]*)?\[(?P<parts>{_PART},{_PART}(?:,{_PART},{_PART})?)\]",
-    _FLAGS,
+    FLAGS,
 )
 _TARGET, _JOINTTARGET, _POSE = 4, 6, 3
 
@@ -101,7 +97,7 @@ def rapid(text: str) -> Iterator[Found]:
     """Find the targets of an ABB's module by their form: [position, quaternion, configuration, external axes], or
     [axes, external axes].
     """
-    code = _code(text, "!")
+    code = code_of(text, "!")
     for match in _RAPID.finditer(code):
         if match["array"]:
             yield Found(match.start(), match["array"], False, None)
@@ -121,7 +117,7 @@ def rapid(text: str) -> Iterator[Found]:
 
 _UR_MOVES = frozenset({"movej", "movel", "movep", "movec", "servoj", "servoc", "get_inverse_kin"})
 _URSCRIPT = re.compile(
-    r"(?:(?P<name>\b[a-z_]\w*)[ \t]*=[ \t]*)?(?<!\w)(?P<pose>p?)\[(?P<body>[^\[\]]*)\]", _FLAGS
+    r"(?:(?P<name>\b[a-z_]\w*)[ \t]*=[ \t]*)?(?<!\w)(?P<pose>p?)\[(?P<body>[^\[\]]*)\]", FLAGS
 )
 _CALL = re.compile(r"(\w*)[ \t]*\(|\)|[\r\n]")
 
@@ -132,7 +128,7 @@ def urscript(text: str) -> Iterator[Found]:
     What another function turns or moves first is in another frame, or an offset; it is not whole, like a pose that no
     move takes. Speeds, forces and limits are six numbers, too.
     """
-    code = _code(text, "#")
+    code = code_of(text, "#")
     calls = _Calls(code)
     words = re.finditer(r"[A-Za-z_]\w*", code)
     taken = {word[0] for word in words if calls.innermost(word.start()) in _UR_MOVES}
@@ -169,10 +165,9 @@ class _Calls:
         return inside[-1] if inside else ""
 
 
-_TP = re.compile(r"^[ \t]*P\[(?P<number>\d+)(?:[ \t]*:[ \t]*\"(?P<name>[^\"]*)\")?[^\]]*\][ \t]*\{", _FLAGS)
-_POSITIONS = re.compile(r"^[ \t]*/POS\b", _FLAGS)
-_GROUP = re.compile(r"\bGP(\d+)[ \t]*:", _FLAGS)
-_USER_FRAMES = re.compile(r"\bUF[ \t]*:[ \t]*(\w+)[ \t]*,[ \t]*UT[ \t]*:[ \t]*(\w+)", _FLAGS)
+_TP = re.compile(r"^[ \t]*P\[(?P<number>\d+)(?:[ \t]*:[ \t]*\"(?P<name>[^\"]*)\")?[^\]]*\][ \t]*\{", FLAGS)
+_POSITIONS = re.compile(r"^[ \t]*/POS\b", FLAGS)
+_GROUP = re.compile(r"\bGP(\d+)[ \t]*:", FLAGS)
 
 
 def tp(text: str) -> Iterator[Found]:
@@ -188,6 +183,4 @@ def tp(text: str) -> Iterator[Found]:
         joints = re.search(r"\bJ1\s*=", text[start:end]) is not None
         names = [f"J{i}" for i in range(1, 7)] if joints else ("X", "Y", "Z", "W", "P", "R")
         spans = _named(text, start, end, names, r"[ \t]*=(?=[ \t]*[-+.\d])[ \t]*")
-        stated = None if joints else _USER_FRAMES.search(text, start, end)
-        frame = None if stated is None else f"UF {stated[1]}, UT {stated[2]}"
-        yield Found(match.start(), f"P{match['number']}", joints, spans, frame)
+        yield Found(match.start(), f"P{match['number']}", joints, spans)

@@ -56,8 +56,8 @@ class Program:
 
     @property
     def frames(self) -> set[str]:
-        """The frames that points state themselves; one base and one tool are right for one of them."""
-        return {point.frame for point in self.points.values() if point.frame is not None}
+        """The frames that the program names for its points; one base and one tool are right for one of them."""
+        return self.language.frames(self.text, self.points.values()) if self.has_cartesian_points else set()
 
     def commands(self) -> list[dict[str, Any]]:
         """Return the points with the fields of the API: joint angles, or the flange in the robot's base."""
