@@ -1,4 +1,4 @@
-"""Control charts of a robot's figures: single sessions with their limits, and the EWMA that shows lasting changes."""
+"""Control charts of a robot's figures: single sessions with their limits, the EWMA, and where the level changed."""
 
 from __future__ import annotations
 
@@ -87,7 +87,8 @@ def _draw_ewma(axes: Axes, chart: ChartedFigure) -> None:
         axes.axhline(level, color=FAINT, linestyle="--", linewidth=0.9)
     axes.axhline(0.0, color=FAINT, linewidth=0.9)
     axes.plot(chart.places, chart.ewma, color=ORANGE, marker="s", markersize=3.0)
-    if chart.at is not None:
+    # Two levels may show while the EWMA is within its limits.
+    if chart.at is not None and abs(chart.ewma[chart.at]) > chart.ewma_limit:
         axes.plot(
             chart.places[chart.at], chart.ewma[chart.at], "o", color=RED, markersize=7, fillstyle="none"
         )

@@ -3,9 +3,11 @@
 Figures that are lengths above zero (RP, AP, floors) are charted by their logarithms, whose scatter does not grow with
 them and is near normal; others as they are. Individuals are the classical plot, with limits from the mean
 moving range. What raises an alarm of a lasting change is the EWMA of self-starting scores, since its
-false-alarm rate is the one stated, with parameters that nobody knew beforehand.
+false-alarm rate is the one stated, with parameters that nobody knew beforehand. A step early in the series becomes
+part of the scatter that the scores are in, so that the EWMA may never show it, the less the larger it is: a small share
+of the false alarms is spent on a test for two levels, which finds it.
 
-The change is placed where it is most likely, given the values up to the alarm.
+The change is placed where it is most likely, given the values up to the alarm and the way it went.
 
 References: ISO 7870-2:2013 (individuals); ISO 7870-6:2016 (EWMA); Samuel, Pignatiello and Calvin,
 "Identifying the time of a step change with X-bar control charts", Quality Engineering 10(3), 1998, eq. (3).
@@ -22,6 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from core.errors import InvalidArgument
+from core.metrology.control_chart.change_point import Step, first_step
 from core.metrology.control_chart.run_length import ewma_limit
 from core.metrology.control_chart.self_starting import FIRST, self_starting_scores
 
@@ -31,6 +34,9 @@ SMOOTHING = 0.2
 """λ: near the best for a shift of one to one and a half standard deviations."""
 RUN_LENGTH = 370.0
 """Sessions between false alarms, in the mean: as with three-sigma limits of a single chart."""
+_STEP_SHARE = 0.1
+"""Of the false alarms, that of the test for two levels: it costs the EWMA little, and steps of five standard deviations
+between sessions need no more."""
 _RANGE_TO_SIGMA = 2.0 / math.sqrt(math.pi)
 """d₂ of two values: mean absolute difference of two normal values, in standard deviations."""
 _ROUNDING = 1e-12
@@ -50,9 +56,11 @@ class IndividualsLimits:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """The EWMA left its limits: at which point, which way, and from which point on the figure is another.
+    """The EWMA left its limits, or two levels showed: at which point, which way, and from which point on the figure is
+    another.
 
-    `before` and `after` are the mean levels of the points before and from `since` on (geometric for logarithms).
+    `before` and `after` are the mean levels of the points before `since`, and from it to `at` (geometric for
+    logarithms).
     """
 
     at: int
@@ -90,7 +98,7 @@ def chart_figure(
     ----------
     values: (n,) one figure for each session, in its unit; n at least `MIN_POINTS`.
     logarithms: whether the figure is above zero by its nature, and charted by its logarithm.
-    run_length: sessions between false alarms of the EWMA, in the mean.
+    run_length: sessions between false alarms, in the mean.
 
     Raises InvalidArgument for too few values, and for those that are not finite or, with logarithms, not above zero.
     """
@@ -108,7 +116,7 @@ def chart_figure(
     unit = math.exp if logarithms else float
     limits = IndividualsLimits(unit(centre), unit(centre - reach), unit(centre + reach))
     ewma = _ewma(self_starting_scores(x), SMOOTHING)
-    limit = ewma_limit(SMOOTHING, run_length) * math.sqrt(SMOOTHING / (2.0 - SMOOTHING))
+    limit = ewma_limit(SMOOTHING, run_length / (1.0 - _STEP_SHARE)) * math.sqrt(SMOOTHING / (2.0 - SMOOTHING))
     return ControlChart(
         values=given,
         limits=limits,
@@ -117,7 +125,7 @@ def chart_figure(
         ),
         ewma=np.concatenate([np.full(FIRST, np.nan), ewma]),
         ewma_limit=limit,
-        alarm=_first_alarm(x, ewma, limit, logarithms=logarithms),
+        alarm=_first_alarm(x, ewma, limit, _STEP_SHARE / run_length, logarithms=logarithms),
     )
 
 
@@ -130,21 +138,32 @@ def _ewma(scores: Float[np.ndarray, " n"], smoothing: float) -> Float[np.ndarray
 
 
 def _first_alarm(
-    x: Float[np.ndarray, " n"], ewma: Float[np.ndarray, " m"], limit: float, *, logarithms: bool
+    x: Float[np.ndarray, " n"],
+    ewma: Float[np.ndarray, " m"],
+    limit: float,
+    step_risk: float,
+    *,
+    logarithms: bool,
 ) -> Alarm | None:
-    beyond = np.flatnonzero(np.abs(ewma) > limit)
-    if len(beyond) == 0:
+    beyond = np.flatnonzero(np.abs(ewma) > limit)[:1]
+    found = next((Step(int(k) + FIRST, is_up=bool(ewma[k] > 0.0)) for k in beyond), None)
+    # A step that shows together with the EWMA is the EWMA's, so that the points before are enough.
+    found = first_step(x if found is None else x[: found.at], step_risk) or found
+    if found is None:
         return None
-    at = int(beyond[0]) + FIRST
-    since = _most_likely_change(x[: at + 1])
-    levels = (float(x[:since].mean()), float(x[since:].mean()))
+    since = _most_likely_change(x[: found.at + 1], is_up=found.is_up)
+    # Later points may be of a third level, even beyond the first.
+    levels = (float(x[:since].mean()), float(x[since : found.at + 1].mean()))
     before, after = (math.exp(level) for level in levels) if logarithms else levels
-    return Alarm(at, since, "up" if ewma[beyond[0]] > 0.0 else "down", before, after)
+    return Alarm(found.at, since, "up" if found.is_up else "down", before, after)
 
 
-def _most_likely_change(x: Float[np.ndarray, " n"]) -> int:
-    """Return the point from which on a mean is most likely another, variances equal; one point before it at least."""
+def _most_likely_change(x: Float[np.ndarray, " n"], *, is_up: bool) -> int:
+    """Return the point from which on a mean is most likely another, this way; variances equal, one point before it at
+    least.
+    """
     n = len(x)
     first = np.arange(1, n)
     sums = np.cumsum(x - x.mean())[:-1]  # of the first points, their mean's deviation times their number
-    return int(first[np.argmax(sums**2 / (first * (n - first)))])
+    risen = np.maximum(-sums if is_up else sums, 0.0)
+    return int(first[np.argmax(risen**2 / (first * (n - first)))])

@@ -108,7 +108,7 @@ class HistoryLimits(ResponseModel):
 
 
 class HistoryAlarm(ResponseModel):
-    """A lasting change that the EWMA shows."""
+    """A lasting change, shown by the EWMA or by a test for two levels."""
 
     direction: Annotated[ChangeDirection, Field(description="Which way the figure went.")]
     before: Annotated[float, Field(description="Mean level before the change, in the figure's unit.")]

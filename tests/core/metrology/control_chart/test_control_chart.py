@@ -10,6 +10,7 @@ from scipy.special import ndtr
 
 from core.errors import InvalidArgument
 from core.metrology import chart_figure, ewma_limit, ewma_run_length, self_starting_scores
+from core.metrology.control_chart.change_point import first_step
 from core.metrology.control_chart.chart import RUN_LENGTH, SMOOTHING
 
 
@@ -85,6 +86,45 @@ def test_a_lasting_change_is_found_and_placed() -> None:
     assert chart.alarm.before == pytest.approx(0.05, rel=0.05)
     assert chart.alarm.after == pytest.approx(0.0575, rel=0.05)
     assert chart_figure(values[:25], logarithms=True).alarm is None
+
+
+@pytest.mark.parametrize(("step", "before"), [(5.0, 3), (10.0, 3), (50.0, 3), (-10.0, 5), (20.0, 8)])
+def test_a_large_step_is_shown_however_early_it_is(step: float, before: int) -> None:
+    """The scatter that self-starting scores are in contains the step: the EWMA shows 0 to 90 % of these, ever."""
+    rng = np.random.default_rng(12)
+    for _ in range(20):
+        values = rng.normal(size=40)
+        values[before:] += step
+        alarm = chart_figure(values, logarithms=False, run_length=8.0 * RUN_LENGTH).alarm
+        assert alarm is not None
+        assert alarm.direction == ("up" if step > 0.0 else "down")
+        assert abs(alarm.since - before) <= 1
+
+
+def test_two_levels_show_falsely_no_more_often_than_stated() -> None:
+    rng = np.random.default_rng(8)
+    runs, sessions, risk = 1000, 20, 0.01
+    alarms = sum(first_step(rng.normal(5.0, 0.1, sessions), risk) is not None for _ in range(runs))
+    assert alarms < runs * risk * sessions
+    assert first_step(np.array([1.0, 1.0, 2.0, 2.0, 2.0]), risk) is None
+
+
+@pytest.mark.parametrize("direction", ["up", "down"])
+def test_an_alarm_states_levels_that_differ_the_way_it_went(direction: str) -> None:
+    """The first session stands out one way, later ones go the other way by less, and farther back in the end."""
+    rng = np.random.default_rng(6)
+    found = []
+    for _ in range(60):
+        values = rng.normal(size=70)
+        values[0] += 8.0
+        values[30:] += 1.5
+        values[60:] -= 9.0
+        alarm = chart_figure(
+            values if direction == "up" else -values, logarithms=False, run_length=20.0
+        ).alarm
+        found += [alarm] if alarm is not None and alarm.direction == direction else []
+    assert len(found) > 10
+    assert all((alarm.after > alarm.before) == (direction == "up") for alarm in found)
 
 
 def test_limits_of_individuals_are_those_of_the_standard() -> None:
