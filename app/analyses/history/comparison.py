@@ -8,7 +8,7 @@ from typing import Any
 from scipy.special import bdtrc, ndtr
 
 from app.analyses.history.likeness import not_stated, unlike
-from app.analyses.history.summaries import DISTANCE, Key, Summary
+from app.analyses.history.summaries import DISTANCES, TURNED_DISTANCE, Key, Summary
 from app.records.numbers import rounded
 from core.metrology import Difference, estimate_difference
 
@@ -91,6 +91,11 @@ def conclusion(differences: Mapping[Key, Difference], reasons: Sequence[str]) ->
             f"{count} of {total} figures {way}, one by {largest:.1f} standard deviations; chance alone would give "
             f"{expected:.1f}: something changed."
         )
+        if not shows_change({key: one for key, one in differences.items() if key[1] != TURNED_DISTANCE}):
+            found += (
+                " Only distances between poses of different orientation show it, which change as well where the camera "
+                "or the reflector was mounted anew."
+            )
     return f"{found} {unlike_words}, so that a change need not be the robot's." if reasons else found
 
 
@@ -100,7 +105,7 @@ def _chance(differences: Mapping[Key, Difference]) -> float:
     Distances share poses: one mean that is off by chance moves several of them. They count by how far they are off
     alone, which holds however figures depend on one another (Bonferroni), and so does the lesser of the two chances.
     """
-    apart = [one.change != "no_change_shown" for key, one in differences.items() if key[1] != DISTANCE]
+    apart = [one.change != "no_change_shown" for key, one in differences.items() if key[1] not in DISTANCES]
     by_count = float(bdtrc(sum(apart) - 1, len(apart), 1.0 - _LEVEL)) if any(apart) else 1.0
     largest = max(one.deviation for one in differences.values())
     by_largest = min(len(differences) * 2.0 * float(ndtr(-largest)), 1.0)

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
 from scipy.special import stdtrit
 
 from app.records.ids import is_id, moment_of
 from app.records.numbers import DH_PARAMETERS
 from app.reports.forms import FORMAT, FORMAT_VERSION
 from core.errors import listed
+from core.geometry import rpy_to_rotation, so3_log
 from core.numerics import NORMAL_95
 
 Json = Mapping[str, Any]
 Key = tuple[str, str]
 """What a figure is of (a pose, a joint, a camera), and its name."""
+Turns = Sequence[tuple[Mapping[str, Float[np.ndarray, "3 3"] | None], float]]
+"""Orientations by pose, and the turn (deg) up to which they are the same; the better known first."""
 _POSE = ("position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg")
 _OF_POSE = "pose "
 ALL_POSES = "all poses"
@@ -27,6 +32,13 @@ DISTANCE = "distance"
 """Between the mean positions of two poses. It needs no tie of frames, whose uncertainty in AP_p is of the size of the
 robot's own deviations: a pose that moved by less shows here.
 """
+TURNED_DISTANCE = "distance, robot turned"
+"""The same between poses of different orientation: it is the measured point's, which moves where the camera or the
+reflector is mounted anew.
+"""
+DISTANCES = (DISTANCE, TURNED_DISTANCE)
+_SAME_TURN_DEG, _SAME_MEASURED_TURN_DEG = 0.001, 0.1
+"""Turn up to which orientations are the same, as for AD: commanded ones, and those that were measured."""
 _TEXTS = ("report_id", "kind", "made_at", "measured_at", "source", "poses")
 _CONDITIONS = ("load_kg", "speed_percent", "temperature_c")
 
@@ -101,7 +113,7 @@ def over_poses(figures: Mapping[Key, Figure], poses: Iterable[str]) -> dict[Key,
     found: dict[Key, Figure] = {}
     of_poses: dict[str, dict[str, float]] = {}
     for key, figure in figures.items():
-        if key[1] == DISTANCE or (figure.is_length and figure.value <= 0.0):
+        if key[1] in DISTANCES or (figure.is_length and figure.value <= 0.0):
             continue
         if key[0].startswith(_OF_POSE):
             of_poses.setdefault(key[1], {})[key[0].removeprefix(_OF_POSE)] = math.log(figure.value)
@@ -139,7 +151,7 @@ def _read(content: bytes) -> dict[str, Any]:
             "poses": json.dumps(
                 {pose["pose_id"]: [pose[name] for name in _POSE] for pose in inputs["poses"]}
             ),
-            "figures": list(_figures(document["analyses"])),
+            "figures": list(_figures(document["analyses"], inputs["poses"])),
         }
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise NotAReport from error
@@ -206,12 +218,19 @@ def _number(value: Any) -> float | None:
     return None if value is None else float(value)
 
 
-def _figures(analyses: Json) -> Iterator[tuple[Key, Figure]]:
+def _figures(analyses: Json, commanded: Iterable[Json]) -> Iterator[tuple[Key, Figure]]:
     repeatability = analyses.get("repeatability", {})
     for pose in repeatability.get("poses", ()):
         yield from _of_pose(pose)
+    turns = (
+        ({pose["pose_id"]: _rotation(pose) for pose in commanded}, _SAME_TURN_DEG),
+        (
+            {pose["pose_id"]: _rotation(pose.get("mean") or {}) for pose in repeatability.get("poses", ())},
+            _SAME_MEASURED_TURN_DEG,
+        ),
+    )
     for distance in repeatability.get("distances") or ():
-        yield from _of_distance(distance)
+        yield from _of_distance(distance, turns)
     for group in analyses.get("intrinsics", {}).get("groups", ()):
         of = f"camera {group['focus_group']}"
         for name, value in group["intrinsics"].items():
@@ -244,11 +263,26 @@ def _of_pose(pose: Json) -> Iterator[tuple[Key, Figure]]:
         yield (of, "noise floor"), Figure(floor, None, "mm", True)
 
 
-def _of_distance(distance: Json) -> Iterator[tuple[Key, Figure]]:
+def _rotation(pose: Json) -> Float[np.ndarray, "3 3"] | None:
+    angles = [pose.get(name) for name in ("roll_deg", "pitch_deg", "yaw_deg")]
+    return None if None in angles else rpy_to_rotation(np.radians(np.array(angles, float)))
+
+
+def _is_turned(first: str, second: str, turns: Turns) -> bool:
+    """Return whether two poses differ in orientation, by the first of `turns` that know both; False where none do."""
+    for rotations, most_deg in turns:
+        one, other = rotations.get(first), rotations.get(second)
+        if one is not None and other is not None:
+            return math.degrees(float(np.linalg.norm(so3_log(one.T @ other)))) > most_deg
+    return False
+
+
+def _of_distance(distance: Json, turns: Turns) -> Iterator[tuple[Key, Figure]]:
     value, u, cycles = distance["mean_mm"], distance["standard_uncertainty_mm"], distance["cycles"]
     if value is not None and u is not None and cycles > 1:
         reach = float(stdtrit(cycles - 1, 0.975)) * u
-        key = f"poses {distance['from_pose_id']} and {distance['to_pose_id']}", DISTANCE
+        first, second = distance["from_pose_id"], distance["to_pose_id"]
+        key = f"poses {first} and {second}", TURNED_DISTANCE if _is_turned(first, second, turns) else DISTANCE
         yield key, Figure(value, (value - reach, value + reach), "mm", False)
 
 

@@ -30,7 +30,8 @@ def content(number: int = 1, *, rp_mm: float = 0.05, poses: int = 3, **changes: 
         {
             "pose_id": f"P{k}",
             "position_mm": [100.0 * k, 0.0, changes.get("height_mm", 0.0)],
-            **dict.fromkeys(("roll_deg", "pitch_deg", "yaw_deg"), 0.0),
+            **dict.fromkeys(("roll_deg", "pitch_deg"), 0.0),
+            "yaw_deg": changes.get("turn_deg", 0.0) * k,
             "joint_angles_deg": None,
         }
         for k in range(1, poses + 1)
@@ -65,7 +66,7 @@ def content(number: int = 1, *, rp_mm: float = 0.05, poses: int = 3, **changes: 
             "poses": commanded,
             **changes.get("inputs", {}),
         },
-        "analyses": {"repeatability": {"poses": found}},
+        "analyses": {"repeatability": {"poses": found, "distances": changes.get("distances")}},
     }
     return json.dumps(document).encode()
 

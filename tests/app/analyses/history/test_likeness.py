@@ -101,6 +101,32 @@ def test_a_summary_is_the_same_after_it_was_stored() -> None:
     assert series_of([stored]).keys() == series_of([whole]).keys()
 
 
+@pytest.mark.parametrize("turn_deg", [0.0, 15.0])
+def test_a_camera_mounted_anew_is_named_where_only_distances_over_a_turn_changed(turn_deg: float) -> None:
+    """A camera 1 mm elsewhere on the flange, and a robot that is the same."""
+
+    def of(number: int, camera_mm: float) -> Summary:
+        def at(k: int) -> np.ndarray:
+            yaw = np.radians(turn_deg * k)
+            return np.array([100.0 * k + camera_mm * np.cos(yaw), camera_mm * np.sin(yaw), 0.0])
+
+        distances = [
+            {
+                "from_pose_id": f"P{k}",
+                "to_pose_id": f"P{k + 1}",
+                "cycles": 30,
+                "mean_mm": float(np.linalg.norm(at(k + 1) - at(k))),
+                "standard_uncertainty_mm": 0.005,
+            }
+            for k in (1, 2)
+        ]
+        return filed(number, turn_deg=turn_deg, distances=distances)
+
+    remounted = comparison_document(of(1, 50.0), of(2, 51.0))
+    assert remounted["change_shown"] == (turn_deg > 0.0)
+    assert ("mounted anew" in remounted["conclusion"]) == (turn_deg > 0.0)
+
+
 def test_distances_that_share_a_pose_count_by_how_far_they_are_off() -> None:
     """Four of ten distances end at one pose: an error of its mean is in all of them."""
     same = estimate_difference(200.0, (199.996, 200.004), 200.0, (199.996, 200.004))
