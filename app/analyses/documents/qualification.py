@@ -13,6 +13,8 @@ from core.session import SessionData, estimate_session, qualify_session
 
 _LENGTHS = frozenset({"probing_scatter_mm"})
 """Figures that are above zero by their nature, and charted by their logarithms."""
+SIZES = frozenset({"worst_error_mm"})
+"""Figures that are charted by their size: of lengths whose errors are as large either way the sign is chance's."""
 _ROUNDING = 1e-9
 
 
@@ -47,6 +49,8 @@ def control_document(name: str, earlier: Sequence[float], value: float | None) -
     None where fewer than `MIN_POINTS` are known, or the figure itself is not.
     """
     logarithms = name in _LENGTHS
+    if name in SIZES:
+        earlier, value = [abs(one) for one in earlier], None if value is None else abs(value)
     usable = [one for one in earlier if math.isfinite(one) and (not logarithms or one > 0.0)]
     if value is None or len(usable) < MIN_POINTS:
         return None

@@ -44,9 +44,7 @@ FigureChange = TypeAliasType(
     ],
 )
 _OF = "What it is of: `all poses` (the geometric mean of the poses), a joint, a camera, `qualification`."
-_FIGURE = (
-    "Its name: `RP_l`, `AP_p`, `noise floor`, a parameter, or `worst error`, `scale`, `probing scatter`."
-)
+_FIGURE = "Its name: `RP_l`, `AP_p`, `noise floor`, a parameter, or `worst error` (size), `scale`, `probing scatter`."
 _UNIT = "Its unit: `mm`, `deg`, `px`, `ppm`."
 _TEST = "Number of the test, from 1."
 _MEASURED = (

@@ -73,7 +73,7 @@ class QualificationDetail(QualificationRead):
 
     control_worst_error_mm: Annotated[
         ControlRead | None,
-        Field(description="Of the worst error; null with fewer than five earlier records."),
+        Field(description="Of the worst error's size; null with fewer than five earlier records."),
     ]
     control_scale_ppm: Annotated[
         ControlRead | None, Field(description="Of the scale; null with fewer than five earlier records.")

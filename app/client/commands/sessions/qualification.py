@@ -19,7 +19,7 @@ _POSES = ("from_pose_id", "to_pose_id")
 _NUMBERS = ("length_mm", "standard_uncertainty_mm")
 _COLUMNS = ("id", "made", "due", "decision", "worst mm", "scale ppm", "robot", "camera", "session")
 _CHARTED = (
-    ("worst_error_mm", "The worst error"),
+    ("worst_error_mm", "The size of the worst error"),
     ("scale_ppm", "The scale"),
     ("probing_scatter_mm", "The scatter"),
 )

@@ -17,7 +17,6 @@ from app.analyses.history import (
     charts_of,
     comparison_document,
     conclusion,
-    entries_of_qualifications,
     group_comparable,
     history_document,
     not_stated,
@@ -251,25 +250,6 @@ def test_events_restart_charts_where_they_say_so() -> None:
     reports = [filed(k) for k in range(1, 10)]
     assert [len(test) for test in group_comparable(reports, [day(6)])] == [5, 4]
     assert [len(test) for test in group_comparable(reports)] == [9]
-
-
-def test_qualifications_of_one_camera_make_a_chart() -> None:
-    rows = [
-        {
-            **{
-                "id": f"qua_{k:026d}",
-                "session_id": f"ses_{k:026d}",
-                "session_name": "bar",
-                "robot_id": "rob_1",
-            },
-            **{"camera_name": "A" if k < 6 else None, "made_at": FIRST.replace(day=k + 1)},
-            **{"worst_error_mm": -0.01 + 0.001 * (k % 3), "scale_ppm": 5.0, "probing_scatter_mm": None},
-        }
-        for k in range(8)
-    ]
-    first, second = charted_tests(entries_of_qualifications(rows), [])
-    assert ([first.reports[0].source, len(first.reports)], len(second.reports)) == (["A", 6], 2)
-    assert set(first.charts) == {("qualification", "worst error"), ("qualification", "scale")}
 
 
 def test_a_parameter_has_its_deviation_from_the_data_sheet() -> None:
