@@ -52,7 +52,13 @@ from core.metrology.cycle_process import (
     mean_of_cycles,
 )
 from core.metrology.difference import Difference, estimate_difference
-from core.metrology.distances import ApproachVariation, DistanceAssessment, assess_approaches, assess_distance
+from core.metrology.distances import (
+    ApproachVariation,
+    DistanceAssessment,
+    assess_approaches,
+    assess_distance,
+    same_orientation,
+)
 from core.metrology.iso9283 import (
     Drift,
     are_unchanging,
@@ -214,6 +220,7 @@ __all__ = [
     "repeatability_budget",
     "repeatability_reading",
     "rp_sampling_distribution",
+    "same_orientation",
     "scatter_flaw",
     "self_starting_scores",
     "shift_degrees_of_freedom",

@@ -18,6 +18,7 @@ from jaxtyping import Float
 from scipy.special import ndtri, stdtrit
 
 from core.errors import InvalidArgument
+from core.geometry import so3_log
 from core.metrology.cycle_process import CycleProcess, mean_of_cycles, shift_of_three_sigma
 from core.metrology.iso9283 import (
     DistancePerformance,
@@ -38,8 +39,12 @@ from core.metrology.rp_distribution import CONFIDENCE
 
 FAR_ENOUGH = 20.0
 """A distance shorter than this many of its own standard deviations does not scatter along its direction alone."""
+SAME_COMMANDED, SAME_MEASURED = math.radians(0.001), math.radians(0.1)
+"""Turn up to which two orientations are the same."""
 _DRAWS = 1000
 _SEED = 9283
+
+RotationPair = tuple[Float[np.ndarray, "3 3"] | None, Float[np.ndarray, "3 3"] | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +65,19 @@ class DistanceAssessment:
     cycles_uncertainty_mm: float | None = None
     degrees_of_freedom: float | None = None
     common_mm: Float[np.ndarray, " k"] | None = None
+
+
+def same_orientation(commanded: RotationPair, measured: RotationPair) -> bool:
+    """Return whether two poses have one orientation: as commanded, else as measured; True if unknown.
+
+    Parameters
+    ----------
+    commanded, measured: of both poses the rotation (3, 3) in the frame of either, None where it is not known.
+    """
+    for (one, other), largest in ((commanded, SAME_COMMANDED), (measured, SAME_MEASURED)):
+        if one is not None and other is not None:
+            return float(np.linalg.norm(so3_log(one.T @ other))) <= largest
+    return True
 
 
 def assess_distance(

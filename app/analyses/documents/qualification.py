@@ -13,7 +13,7 @@ from core.session import SessionData, estimate_session, qualify_session
 
 _LENGTHS = frozenset({"probing_scatter_mm"})
 """Figures that are above zero by their nature, and charted by their logarithms."""
-SIZES = frozenset({"worst_error_mm"})
+_SIZES = frozenset({"worst_error_mm"})
 """Figures that are charted by their size: of lengths whose errors are as large either way the sign is chance's."""
 _ROUNDING = 1e-9
 
@@ -49,11 +49,11 @@ def control_document(name: str, earlier: Sequence[float], value: float | None) -
     None where fewer than `MIN_POINTS` are known, or the figure itself is not.
     """
     logarithms = name in _LENGTHS
-    if name in SIZES:
-        earlier, value = [abs(one) for one in earlier], None if value is None else abs(value)
-    usable = [one for one in earlier if math.isfinite(one) and (not logarithms or one > 0.0)]
+    known = [charted_value(name, one) for one in earlier]
+    usable = [one for one in known if math.isfinite(one) and (not logarithms or one > 0.0)]
     if value is None or len(usable) < MIN_POINTS:
         return None
+    value = charted_value(name, value)
     limits = chart_figure(usable, logarithms=logarithms).limits
     inside = limits.lower <= value <= limits.upper
     return {
@@ -65,6 +65,11 @@ def control_document(name: str, earlier: Sequence[float], value: float | None) -
         "in_control": inside
         or any(math.isclose(value, e, rel_tol=_ROUNDING) for e in (limits.lower, limits.upper)),
     }
+
+
+def charted_value(name: str, value: float) -> float:
+    """Return what control charts take of a record's figure, by its column's name."""
+    return abs(value) if name in _SIZES else value
 
 
 def _length(one: LengthError) -> dict[str, Any]:

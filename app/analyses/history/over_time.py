@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from app.analyses.documents.qualification import SIZES
+from app.analyses.documents.qualification import charted_value
 from app.analyses.history.charting import (
     SESSIONS_BETWEEN_FALSE_ALARMS,
     Charts,
@@ -60,9 +60,7 @@ def entries_of_qualifications(rows: Iterable[Mapping[str, Any]]) -> Iterator[Sum
             conditions=_NO_CONDITIONS,
             poses="{}",
             figures={
-                ("qualification", name): Figure(
-                    abs(row[column]) if column in SIZES else row[column], None, unit, is_length
-                )
+                ("qualification", name): Figure(charted_value(column, row[column]), None, unit, is_length)
                 for column, name, unit, is_length in _OF_QUALIFICATIONS
                 if row[column] is not None
             },

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -17,14 +17,15 @@ from app.records.ids import is_id, moment_of
 from app.records.numbers import DH_PARAMETERS
 from app.reports.forms import FORMAT, FORMAT_VERSION
 from core.errors import listed
-from core.geometry import rpy_to_rotation, so3_log
+from core.geometry import rpy_to_rotation
+from core.metrology import same_orientation
 from core.numerics import NORMAL_95
 
 Json = Mapping[str, Any]
 Key = tuple[str, str]
 """What a figure is of (a pose, a joint, a camera), and its name."""
-Turns = Sequence[tuple[Mapping[str, Float[np.ndarray, "3 3"] | None], float]]
-"""Orientations by pose, and the turn (deg) up to which they are the same; the better known first."""
+Orientations = Mapping[str, Float[np.ndarray, "3 3"] | None]
+"""By pose."""
 _POSE = ("position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg")
 _OF_POSE = "pose "
 ALL_POSES = "all poses"
@@ -37,8 +38,6 @@ TURNED_DISTANCE = "distance, robot turned"
 reflector is mounted anew.
 """
 DISTANCES = (DISTANCE, TURNED_DISTANCE)
-_SAME_TURN_DEG, _SAME_MEASURED_TURN_DEG = 0.001, 0.1
-"""Turn up to which orientations are the same, as for AD: commanded ones, and those that were measured."""
 _TEXTS = ("report_id", "kind", "made_at", "measured_at", "source", "poses")
 _CONDITIONS = ("load_kg", "speed_percent", "temperature_c")
 
@@ -222,15 +221,10 @@ def _figures(analyses: Json, commanded: Iterable[Json]) -> Iterator[tuple[Key, F
     repeatability = analyses.get("repeatability", {})
     for pose in repeatability.get("poses", ()):
         yield from _of_pose(pose)
-    turns = (
-        ({pose["pose_id"]: _rotation(pose) for pose in commanded}, _SAME_TURN_DEG),
-        (
-            {pose["pose_id"]: _rotation(pose.get("mean") or {}) for pose in repeatability.get("poses", ())},
-            _SAME_MEASURED_TURN_DEG,
-        ),
-    )
+    ordered = {pose["pose_id"]: _rotation(pose) for pose in commanded}
+    seen = {pose["pose_id"]: _rotation(pose.get("mean") or {}) for pose in repeatability.get("poses", ())}
     for distance in repeatability.get("distances") or ():
-        yield from _of_distance(distance, turns)
+        yield from _of_distance(distance, ordered, seen)
     for group in analyses.get("intrinsics", {}).get("groups", ()):
         of = f"camera {group['focus_group']}"
         for name, value in group["intrinsics"].items():
@@ -268,21 +262,17 @@ def _rotation(pose: Json) -> Float[np.ndarray, "3 3"] | None:
     return None if None in angles else rpy_to_rotation(np.radians(np.array(angles, float)))
 
 
-def _is_turned(first: str, second: str, turns: Turns) -> bool:
-    """Return whether two poses differ in orientation, by the first of `turns` that know both; False where none do."""
-    for rotations, most_deg in turns:
-        one, other = rotations.get(first), rotations.get(second)
-        if one is not None and other is not None:
-            return math.degrees(float(np.linalg.norm(so3_log(one.T @ other)))) > most_deg
-    return False
-
-
-def _of_distance(distance: Json, turns: Turns) -> Iterator[tuple[Key, Figure]]:
+def _of_distance(
+    distance: Json, commanded: Orientations, measured: Orientations
+) -> Iterator[tuple[Key, Figure]]:
     value, u, cycles = distance["mean_mm"], distance["standard_uncertainty_mm"], distance["cycles"]
     if value is not None and u is not None and cycles > 1:
         reach = float(stdtrit(cycles - 1, 0.975)) * u
         first, second = distance["from_pose_id"], distance["to_pose_id"]
-        key = f"poses {first} and {second}", TURNED_DISTANCE if _is_turned(first, second, turns) else DISTANCE
+        same = same_orientation(
+            (commanded.get(first), commanded.get(second)), (measured.get(first), measured.get(second))
+        )
+        key = f"poses {first} and {second}", DISTANCE if same else TURNED_DISTANCE
         yield key, Figure(value, (value - reach, value + reach), "mm", False)
 
 

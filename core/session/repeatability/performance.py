@@ -18,7 +18,6 @@ import numpy as np
 from jaxtyping import Float
 
 from core.errors import Advisory, listed
-from core.geometry import so3_log
 from core.metrology import (
     ApproachVariation,
     CycleProcess,
@@ -27,6 +26,7 @@ from core.metrology import (
     assess_approaches,
     assess_distance,
     hides_scatter,
+    same_orientation,
 )
 from core.session.commanded_poses import command_key
 from core.session.model import CommandedPose, MeasuredPose
@@ -42,7 +42,6 @@ from core.session.visits import cycles_of, mean_common
 
 MAX_PAIRS = 45
 """All pairs of ten poses; of more, all of ten commands, and of more commands each with the next."""
-SAME_TURN = math.radians(0.001)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +124,8 @@ def _distances(
             lacks.setdefault(lack, []).append(f"{one}-{other}")
             continue
         at = [first[c] for c in shared], [second[c] for c in shared]
-        same = _same_turn(commanded.get(one), commanded.get(other), at)
+        ordered = [None if pose is None else pose.rotation() for pose in map(commanded.get, (one, other))]
+        same = same_orientation((ordered[0], ordered[1]), (at[0][0].rotation, at[1][0].rotation))
         places = [_position(commanded.get(pose_id)) for pose_id in (one, other)]
         comparable = all(place is not None for place in places) and same
         ends = (places[0], places[1]) if comparable else (None, None)
@@ -211,21 +211,6 @@ def _by_cycle(visits: Sequence[MeasuredPose]) -> dict[int, MeasuredPose]:
     """Return the visits by cycle, without cycles that visit the pose more than once."""
     times = Counter(visit.cycle for visit in visits)
     return {visit.cycle: visit for visit in visits if visit.cycle is not None and times[visit.cycle] == 1}
-
-
-def _same_turn(
-    one: CommandedPose | None,
-    other: CommandedPose | None,
-    at: tuple[Sequence[MeasuredPose], Sequence[MeasuredPose]],
-) -> bool:
-    """Return whether the orientation is the same at both ends: as commanded, else as measured; True if unknown."""
-    rotations = [None if pose is None else pose.rotation() for pose in (one, other)]
-    if rotations[0] is not None and rotations[1] is not None:
-        return float(np.linalg.norm(so3_log(rotations[0].T @ rotations[1]))) <= SAME_TURN
-    seen = [readings[0].rotation for readings in at]
-    if seen[0] is None or seen[1] is None:
-        return True
-    return float(np.linalg.norm(so3_log(seen[0].T @ seen[1]))) <= 100.0 * SAME_TURN
 
 
 def _approaches(

@@ -53,7 +53,8 @@ def get_robot_history(
     """Return a robot's figures over its sessions, from stored reports alone, with control limits and events.
 
     Each session counts by its latest report of a kind. Like is charted with like, from five sessions on: individuals
-    with three-sigma limits, and an EWMA whose false alarms come once in 370 sessions of a test in the mean.
+    with three-sigma limits, and an EWMA. False alarms of lasting changes come once in 370 sessions of a test in the
+    mean.
     """
     found = read_history(service.installation.database, robot_id, kind)
     return answer_document("history", RobotHistory, found.document(), form)

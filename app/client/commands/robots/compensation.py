@@ -207,8 +207,8 @@ def _show_program(program: Program, *, frames_given: bool) -> None:
         )
     if len(program.frames) > 1:
         console.print(
-            f"[yellow]Points are in {len(program.frames)} frames ({'; '.join(sorted(program.frames))}), and all were "
-            "taken in one: keep the corrections of the frame that --base and --tool are of.[/]"
+            f"[yellow]Points are in several frames ({escape('; '.join(sorted(program.frames)))}), and all were taken "
+            "in one: keep the corrections of the frame that --base and --tool are of.[/]"
         )
     if program.incomplete_lines:
         lines = ", ".join(map(str, program.incomplete_lines))

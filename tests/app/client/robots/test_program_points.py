@@ -134,7 +134,8 @@ FANUC_POINT = """P[{0}]{{
         ("kuka", "$BASE=BASE_DATA[1]\n$TOOL = TOOL_DATA[1]\n" + KUKA_POINT.format("P1"), set()),
         (
             "kuka",
-            "$BASE=BASE_DATA[1]\n;$BASE=BASE_DATA[3]\n$base = BASE_DATA[2]\n" + KUKA_POINT.format("P1"),
+            "$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]\n;$BASE=BASE_DATA[3]\n$base = BASE_DATA[2]\n"
+            + KUKA_POINT.format("P1"),
             {"$BASE=BASE_DATA[1]", "$BASE=BASE_DATA[2]"},
         ),
         (

@@ -9,6 +9,7 @@ argument of a move, and its \\WObj.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable
 
 from .points import FLAGS, Found, code_of
@@ -40,10 +41,10 @@ def _packed(text: str) -> str:
 
 
 def _if_several(settings: Iterable[str]) -> set[str]:
-    """Return what a program sets where it sets one name more than once; base and tool together are one frame."""
+    """Return the settings of each name that a program sets to more than one value."""
     found = set(settings)
-    names = [setting.split("=")[0] for setting in found]
-    return found if len(set(names)) < len(names) else set()
+    values = Counter(setting.split("=")[0] for setting in found)
+    return {setting for setting in found if values[setting.split("=")[0]] > 1}
 
 
 _MOVE = re.compile(r"\b(?:Move|Arc|Spot|Search|Trigg)(?:L|J|C)\w*\b(?P<arguments>[^;]*);", FLAGS)
