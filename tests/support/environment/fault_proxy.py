@@ -114,6 +114,19 @@ class FaultProxy:
 
 
 def at_random(seed: int, share: float) -> Callable[[str, str], Fault]:
-    """Return a plan under which this share of all requests meets a fault of any kind."""
+    """Return a plan under which this share of all requests meets a fault.
+
+    Each round of `len(FAULTS)` faults has every kind once, in an order of its own. Drawn independently, a kind could be
+    missing from a run: how many requests a client makes depends on its speed.
+    """
     rng = random.Random(seed)
-    return lambda method, path: rng.choice(FAULTS) if rng.random() < share else "none"
+    coming: list[Fault] = []
+
+    def plan(method: str, path: str) -> Fault:
+        if rng.random() >= share:
+            return "none"
+        if not coming:
+            coming.extend(rng.sample(FAULTS, len(FAULTS)))
+        return coming.pop()
+
+    return plan
