@@ -15,6 +15,7 @@ from typing import Any
 
 POSE_FIELDS = ("pose_id", "position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg", "approach")
 POSE_COLUMNS = "pose_id, x_mm, y_mm, z_mm, roll_deg, pitch_deg, yaw_deg, j1_deg, j2_deg, ..., approach"
+ONE_DECIMAL_SIGN = "Write all numbers with one decimal sign, and none between thousands"
 _AXES = ("x_mm", "y_mm", "z_mm")
 _OTHER_NAMES = {f"position_{axis}": axis for axis in _AXES}
 _LISTS = ("position_mm", "joint_angles_deg")
@@ -52,6 +53,49 @@ def decoded(data: bytes) -> str:
         return data.decode("cp1252", errors="replace")
 
 
+def number_of(cell: str, *, comma: bool) -> float:
+    """Return a cell's number, NaN for another text; with `comma`, its decimal sign may be a comma, too."""
+    text = cell.replace(",", ".") if comma else cell
+    try:
+        return float(text) if "_" not in text else math.nan  # float takes 1_0 for 10
+    except ValueError:
+        return math.nan
+
+
+def mixed_decimal_signs(numbers: Iterable[tuple[str, str, str]]) -> str | None:
+    """Return which of a table's numbers have a comma and which a point; None where all have the same.
+
+    Parameters
+    ----------
+    numbers
+        Place, column and text of each. Where both signs occur, one of them may be between thousands: next to 812,5,
+        1.234 may be 1234.
+    """
+    first: dict[str, str] = {}
+    for place, column, text in numbers:
+        for sign in ",.":
+            if sign in text:
+                first.setdefault(sign, f"{column} is {text} in {place}")
+    return " and ".join(dict.fromkeys(first.values())) if len(first) > 1 else None
+
+
+def check_decimal_signs(rows: Iterable[tuple[str, Mapping[str, str]]], delimiter: str | None) -> None:
+    """Raise RowError where some numbers of a table have a decimal comma and some a point.
+
+    `rows` are the cells of its poses by column, each row with its place in the file.
+    """
+    if delimiter == ",":
+        return
+    mixed = mixed_decimal_signs(
+        (place, name, text)
+        for place, cells in rows
+        for name, cell in cells.items()
+        for text in (_parts(cell, delimiter) if name in _LISTS else [cell] if _is_number(name) else ())
+    )
+    if mixed is not None:
+        raise RowError(f"numbers have both a comma and a point: {mixed}. {ONE_DECIMAL_SIGN}")
+
+
 def pose_of_cells(cells: Mapping[str, str], delimiter: str | None) -> dict[str, Any]:
     """Return the fields of a row's cells by the names of the API; an empty cell is a value that is not known.
 
@@ -84,10 +128,9 @@ def pose_of_cells(cells: Mapping[str, str], delimiter: str | None) -> dict[str, 
         if name in _LISTS:
             if lists[name]:
                 raise RowError(f"{name} is there twice, in one column and in several")
-            pose[name] = _numbers(cell, name, delimiter)
+            pose[name] = [_number(part, name, delimiter) for part in _parts(cell, delimiter)]
         elif name not in _AXES and _JOINT.fullmatch(name) is None:
-            is_number = name in POSE_FIELDS and name.endswith("_deg")
-            pose[name] = _number(cell, name, delimiter) if is_number else cell
+            pose[name] = _number(cell, name, delimiter) if _is_number(name) else cell
     for field, names in lists.items():
         if names:
             pose[field] = [_number(filled[name], name, delimiter) for name in names]
@@ -98,19 +141,23 @@ def _unguarded(cell: str) -> str:
     return cell[1:] if cell.startswith("'") and cell[1:].startswith(_FORMULA) else cell
 
 
-def _numbers(cell: str, name: str, delimiter: str | None) -> list[float]:
+def _is_number(name: str) -> bool:
+    """Return whether cells of a column are one number each."""
+    name = _OTHER_NAMES.get(name, name)
+    is_angle = name in POSE_FIELDS and name not in _LISTS and name.endswith("_deg")
+    return is_angle or name in _AXES or _JOINT.fullmatch(name) is not None
+
+
+def _parts(cell: str, delimiter: str | None) -> list[str]:
     """Return the numbers of a cell; those between which are spaces or semicolons may have decimal commas."""
     decimal = delimiter != "," and (cell.count(",") < 2 or re.search(r"[\s;]", cell) is not None)
     between = r"[\s;]+" if decimal else r"[\s,;]+"
     parts = (part.rstrip(",") for part in re.split(between, cell.strip("[]() ")))
-    return [_number(part, name, delimiter) for part in parts if part]
+    return [part for part in parts if part]
 
 
 def _number(cell: str, name: str, delimiter: str | None) -> float:
-    try:
-        value = float(cell if delimiter == "," else cell.replace(",", "."))
-    except ValueError:
-        value = math.nan
+    value = number_of(cell, comma=delimiter != ",")
     if not math.isfinite(value):
         raise RowError(f"{name} is not a number: {cell}")
     return value

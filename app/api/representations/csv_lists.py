@@ -47,6 +47,8 @@ def read_csv_list(body: bytes) -> list[dict[str, Any]]:
     _check_columns(names)
     if len(rows) > MAX_ROWS:
         raise TooLarge(f"The table has more than {MAX_ROWS} rows.", "Send fewer rows at a time.")
+    if delimiter != ",":
+        _check_decimal_signs(names, rows, delimiter)
     return [_item(names, row, place, delimiter) for place, row in enumerate(rows)]
 
 
@@ -60,6 +62,20 @@ def _check_columns(names: list[str]) -> None:
         raise _invalid("must have the columns of all joints, j1_deg to the last")
     if joints and "joint_angles_deg" in names:
         raise _invalid("must have either j1_deg, j2_deg, ... or joint_angles_deg")
+
+
+def _check_decimal_signs(names: list[str], rows: list[list[str]], delimiter: str) -> None:
+    """Refuse a table in which some numbers have a comma and some a point: one may be between thousands."""
+    first: dict[str, str] = {}
+    for place, row in enumerate(rows, 1):
+        for name, cell in zip(names, row, strict=False):
+            one = name in _NUMBERS or _is_joint(name)
+            for text in [cell] if one else _parts(cell, delimiter) if name in _COLUMNS else ():
+                for sign in {",", "."}.intersection(text):
+                    first.setdefault(sign, f"{name} is {text.strip()} in row {place}")
+    if len(first) > 1:
+        found = " and ".join(dict.fromkeys(first[sign] for sign in ",."))
+        raise _invalid(f"must have one decimal sign, and none between thousands: {found}")
 
 
 def _item(names: list[str], row: list[str], place: int, delimiter: str) -> dict[str, Any]:
@@ -92,18 +108,19 @@ def _value(name: str, cell: str, delimiter: str) -> Any:
     if name in _NUMBERS or _is_joint(name):
         return _number(cell, delimiter)
     if name in _COLUMNS:
-        numbers = _numbers(cell.strip("[]() "), delimiter)
+        numbers = [_number(part, delimiter) for part in _parts(cell, delimiter)]
         width = _COLUMNS[name]
         return [numbers[i : i + width] for i in range(0, len(numbers), width)] if width else numbers
     return cell
 
 
-def _numbers(cell: str, delimiter: str) -> list[float | str]:
+def _parts(cell: str, delimiter: str) -> list[str]:
     """Return the numbers of a cell; those between which are spaces or semicolons may have decimal commas."""
+    cell = cell.strip("[]() ")
     decimal = delimiter != "," and (cell.count(",") < 2 or re.search(r"[\s;]", cell) is not None)
     between = r"[\s;]+" if decimal else r"[\s,;]+"
     parts = (part.rstrip(",") for part in re.split(between, cell))
-    return [_number(part, delimiter) for part in parts if part]
+    return [part for part in parts if part]
 
 
 def _number(cell: str, delimiter: str) -> float | str:

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ..pose_rows import decoded, delimiter_of
+from ..pose_rows import ONE_DECIMAL_SIGN, decoded, delimiter_of, mixed_decimal_signs
 from .console import OptionRefused
 
 FORMATS = {".csv": "csv", ".txt": "csv", ".tsv": "csv", ".json": "json", ".yaml": "yaml", ".yml": "yaml"}
@@ -76,6 +76,18 @@ def read_records(path: Path, kind: str | None, delimiter: str | None) -> Records
         return _csv_records(text, delimiter)
     entries = _entries(_parsed_json(text), {}) if kind == "json" else _yaml_records(text)
     return Records(kind, list(entries))
+
+
+def refuse_mixed_signs(records: Records, columns: Iterable[str]) -> None:
+    """Raise FileRefused where some numbers in columns of a CSV have a decimal comma and some a point."""
+    if records.delimiter in (None, ","):
+        return
+    names = list(columns)
+    mixed = mixed_decimal_signs(
+        (entry.place, name, str(entry.fields.get(name, ""))) for entry in records.entries for name in names
+    )
+    if mixed is not None:
+        raise FileRefused(f"Numbers have both a comma and a point: {mixed}.", f"{ONE_DECIMAL_SIGN}.")
 
 
 def as_delimiter(text: str | None) -> str | None:

@@ -88,6 +88,8 @@ def test_a_robot_is_made_from_a_table_from_a_urdf_and_by_its_model(served: Any, 
         "a_mm,alpha_deg,d_mm,beta_deg\n1,2,3,x\n",
         "a_mm,r\n1,2\n",
         "a_mm\nx\n",
+        "a_mm;alpha_deg;d_mm\n1.234;0;0\n600,5;0;0\n",
+        "a_mm,alpha_deg,d_mm\n1_0,0,0\n",
     ):
         table.write_text(text)
         gridpose(served, "robots", "create", "x", "--joints-from", str(table), code=2)

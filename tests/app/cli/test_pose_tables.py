@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from app.client.commands.record_files import FileRefused
+from app.client.commands.sessions.next_view import poses_to_choose_from
 from app.client.watch.files.metadata import read_table
 from tests.support.command_line import gridpose
 
@@ -89,11 +91,40 @@ def test_plausible_tables_are_taken(tmp_path: Path, table: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("rows", "named"),
+    [
+        ("P1;1.234;0;430;0 0\nP2;812,5;0;430;0 0\n", ("x_mm is 1.234 in line 2", "x_mm is 812,5 in line 3")),
+        (
+            "P1;812,5;0;430;0 0\nP2;1;0;430;0,5 -90.5\n",
+            ("812,5 in line 2", "joint_angles_deg is -90.5 in line 3"),
+        ),
+        ("P1;1.234,5;0;430;0 0\n", ("x_mm is 1.234,5 in line 2",)),
+    ],
+)
+def test_a_table_with_both_decimal_signs_is_refused_whole(
+    served: Any, tmp_path: Path, rows: str, named: tuple[str, ...]
+) -> None:
+    """Next to 812,5 the number 1.234 may be 1234, as spreadsheets show thousands."""
+    session = served.make_session()
+    file = tmp_path / "poses.csv"
+    file.write_text("pose_id;x_mm;y_mm;z_mm;joint_angles_deg\n" + rows, encoding="utf-8")
+    refused = gridpose(served, "poses", "load", str(file), "--session", session, code=2)
+    watched = read_table(file)
+    for text in (" ".join(refused.stderr.split()), watched.errors[0]):
+        assert all(part in text for part in (*named, "one decimal sign")), text
+    assert poses_of(served, session) == {}
+    assert watched.commands == {}
+    with pytest.raises(FileRefused, match="one decimal sign"):
+        poses_to_choose_from(file)
+
+
+@pytest.mark.parametrize(
     ("table", "code", "named"),
     [
         ("pose_id,x_mm\nP1,1\n", 2, "line 2"),
         ("pose_id,j2_deg\nP1,1\n", 2, "line 2"),
         ("pose_id,yaw_deg\nP1,north\n", 2, "yaw_deg"),
+        ("pose_id,yaw_deg\nP1,1_0\n", 2, "yaw_deg"),
         ("pose_id,speed\nP1,5\n", 2, "speed"),
         ("yaw_deg\n5\n", 2, "pose_id"),
         ("pose_id,yaw_deg\n", 2, "pose_id"),

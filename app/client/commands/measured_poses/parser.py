@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ... import Json
-from ..record_files import FileRefused, Record, Records
+from ..record_files import FileRefused, Record, Records, refuse_mixed_signs
 from ..rotations import Matrix, about, from_quaternion, from_vector, identity, product, transposed
 from .layout import FIELDS, POSITION, QUATERNION, TEXTS, ColumnLayout, recognised
 
@@ -57,11 +57,9 @@ def _decimal(records: Records, layout: ColumnLayout) -> str:
     if records.delimiter in (None, ","):
         return "."
     columns = [c for name in FIELDS if name not in ("cycle", *TEXTS) for c in layout.of(name)]
-    cells = [str(record.fields.get(c, "")) for record in records.entries for c in columns]
-    comma, point = any("," in cell for cell in cells), any("." in cell for cell in cells)
-    if comma and point:
-        raise FileRefused("Some numbers have a decimal comma and some a decimal point.", "Give --decimal.")
-    return "," if comma else "."
+    refuse_mixed_signs(records, columns)
+    cells = (str(record.fields.get(column, "")) for record in records.entries for column in columns)
+    return "," if any("," in cell for cell in cells) else "."
 
 
 def _pose(record: Record, number: int, layout: ColumnLayout, decimal: str) -> Json:
@@ -147,7 +145,7 @@ class _Cells:
             value = float(content)
         else:
             text = str(content).strip()
-            text = text.replace(",", ".") if self.decimal == "," and "." not in text else text
+            text = text.translate({ord("."): "x", ord(","): "."}) if self.decimal == "," else text
             try:
                 value = float(text.replace("_", "x"))
             except ValueError:

@@ -16,10 +16,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ... import Json
-from ..record_files import FileRefused, read_records
+from ...pose_rows import number_of
+from ..record_files import FileRefused, read_records, refuse_mixed_signs
 from ..rotations import Matrix, Vector, applied, cross, from_vector, identity, plus, product, transposed
 from .parser import RowError
 
+_PLACE = ("x_mm", "y_mm", "z_mm")
 _MIN_REFLECTORS = 3
 _MIN_SINE = 0.02
 """Sine of the angle between two edges of a triangle of reflectors, below which they are one line."""
@@ -52,12 +54,11 @@ class Fit:
 def read_reflectors(path: Path) -> dict[str, Vector]:
     """Return the reflectors of a table with name, x_mm, y_mm, z_mm, in the flange's frame. Raises FileRefused."""
     found: dict[str, Vector] = {}
-    for record in read_records(path, None, None).entries:
+    records = read_records(path, None, None)
+    refuse_mixed_signs(records, _PLACE)
+    for record in records.entries:
         name = str(record.fields.get("name", record.name or "")).strip()
-        try:
-            place = [float(str(record.fields[axis]).replace(",", ".")) for axis in ("x_mm", "y_mm", "z_mm")]
-        except (KeyError, ValueError):
-            place = [math.nan]
+        place = [number_of(str(record.fields.get(axis)), comma=records.delimiter != ",") for axis in _PLACE]
         if not name or name in found or not all(map(math.isfinite, place)):
             raise FileRefused(
                 f"In {record.place} of {path.name} there is no new reflector with its coordinates.",

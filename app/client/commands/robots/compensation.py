@@ -13,12 +13,12 @@ import typer
 from rich.markup import escape
 
 from ... import Json, find_robot, find_session
-from ...pose_rows import POSE_COLUMNS, RowError, pose_of_cells
 from ..access import UploadAccess
 from ..console import OptionRefused, error_console
 from ..output_files import print_bytes, write_file
-from ..record_files import Delimiter, FileFormat, FileRefused, RecordFormat, as_delimiter, read_records
+from ..record_files import Delimiter, FileFormat, RecordFormat, as_delimiter, read_records
 from ..rotations import Frame, parse_frame
+from ..sessions.poses import identified_poses
 from .programs import Controller, Program, controller_of, read_program
 
 _FIELDS = ("pose_id", "position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg")
@@ -143,23 +143,7 @@ def _write(output: Path | None, data: bytes) -> None:
 
 def _read(file: Path, file_format: RecordFormat | None, delimiter: str | None) -> list[Json]:
     records = read_records(file, file_format, as_delimiter(delimiter))
-    poses = []
-    for record in records.entries:
-        try:
-            given = (
-                record.fields if records.kind != "csv" else pose_of_cells(record.fields, records.delimiter)
-            )
-        except RowError as error:
-            raise FileRefused(f"In {record.place}: {error}.") from None
-        pose = {**given} if record.name is None else {"pose_id": record.name, **given}
-        if not pose.get("pose_id"):
-            raise FileRefused(
-                f"In {record.place} the pose has no pose_id.", "Give each pose an id of its own."
-            )
-        poses.append({name: pose[name] for name in _FIELDS if name in pose})
-    if not poses:
-        raise FileRefused("The file holds no poses.", f"Write one pose per line under {POSE_COLUMNS}.")
-    return poses
+    return [{name: pose[name] for name in _FIELDS if name in pose} for pose in identified_poses(records)]
 
 
 def _text(found: Json, *, as_json: bool) -> str:

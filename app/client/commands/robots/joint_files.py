@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from ... import Json
-from ..record_files import FileRefused, Record, Records, read_records
+from ...pose_rows import number_of
+from ..record_files import FileRefused, Record, Records, read_records, refuse_mixed_signs
 from ..rotations import frame_words
 from .urdf import read_urdf
 
@@ -59,6 +61,7 @@ def _of_table(records: Records) -> list[Json]:
         raise FileRefused(
             "The file holds no joints.", f"Write a row per joint under {', '.join(NEEDED)}, ..."
         )
+    refuse_mixed_signs(records, [name for name in (*NEEDED, *OPTIONAL) if name != "name"])
     return [_joint(record, records.delimiter) for record in records.entries]
 
 
@@ -83,7 +86,7 @@ def _joint(record: Record, delimiter: str | None) -> Json:
 
 def _number(record: Record, name: str, cell: Any, delimiter: str | None) -> float:
     text = str(cell)
-    try:
-        return float(text if delimiter == "," else text.replace(",", "."))
-    except ValueError:
-        raise FileRefused(f"In {record.place} {name} is not a number: {text[:40]}.") from None
+    value = number_of(text, comma=delimiter != ",")
+    if not math.isfinite(value):
+        raise FileRefused(f"In {record.place} {name} is not a number: {text[:40]}.")
+    return value

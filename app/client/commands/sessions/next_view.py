@@ -15,7 +15,7 @@ from ...resources import target_of_session
 from ..access import UploadAccess
 from ..console import output_console, print_json
 from ..record_files import FileRefused, read_records
-from .poses import pose_fields
+from .poses import fields_of_poses
 
 _SHOWN = (("projection_rms_px", "px"), ("length_rms_mm", "mm"), ("angle_rms_deg", "°"))
 _DIGITS = 2
@@ -73,8 +73,8 @@ def poses_to_choose_from(file: Path) -> list[Json]:
     """Return the joint angles that the rows of a file state; raises FileRefused where one states none."""
     records = read_records(file, None, None)
     found = []
-    for record in records.entries:
-        angles = pose_fields(record, records).get("joint_angles_deg")
+    for record, fields in fields_of_poses(records):
+        angles = fields.get("joint_angles_deg")
         if not angles:
             raise FileRefused(
                 f"In {record.place} there are no joint angles.", "Fill j1_deg, j2_deg, ... of every row."

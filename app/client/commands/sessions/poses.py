@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ... import ClientError, Json, find_session
-from ...pose_rows import POSE_COLUMNS, POSE_FIELDS, RowError, implausible_unit, pose_of_cells
+from ...pose_rows import (
+    POSE_COLUMNS,
+    POSE_FIELDS,
+    RowError,
+    check_decimal_signs,
+    implausible_unit,
+    pose_of_cells,
+)
 from ..access import UploadAccess
 from ..creation import AcceptImplausible
 from ..record_files import Delimiter, FileFormat, FileRefused, Record, Records, as_delimiter, read_records
@@ -32,9 +40,7 @@ def load(
     """
     with service.connect(file) as client:
         records = read_records(file, file_format, as_delimiter(delimiter))
-        poses = [_pose(record, records) for record in records.entries]
-        if not poses:
-            raise FileRefused("The file holds no poses.", f"Write one pose per line under {POSE_COLUMNS}.")
+        poses = identified_poses(records, POSE_FIELDS)
         suspected = None if accept_implausible else implausible_unit(poses)
         if suspected is not None:
             raise FileRefused(
@@ -58,18 +64,37 @@ def _place(field: str, records: Records) -> str:
     return f"{records.entries[int(index)].place} {name}".rstrip()
 
 
-def pose_fields(record: Record, records: Records) -> Json:
-    """Return a record's fields by the names of the API; raises FileRefused."""
+def fields_of_poses(records: Records) -> list[tuple[Record, Json]]:
+    """Return each record with its fields by the names of the API; raises FileRefused."""
+    if records.kind != "csv":
+        return [(record, record.fields) for record in records.entries]
     try:
-        return record.fields if records.kind != "csv" else pose_of_cells(record.fields, records.delimiter)
+        check_decimal_signs(((one.place, one.fields) for one in records.entries), records.delimiter)
+    except RowError as error:
+        raise FileRefused(f"In the table, {error}.") from None
+    return [(record, _of_cells(record, records.delimiter)) for record in records.entries]
+
+
+def _of_cells(record: Record, delimiter: str | None) -> Json:
+    try:
+        return pose_of_cells(record.fields, delimiter)
     except RowError as error:
         raise FileRefused(f"In {record.place}: {error}.") from None
 
 
-def _pose(record: Record, records: Records) -> Json:
-    given = pose_fields(record, records)
-    unknown = sorted(set(given) - set(POSE_FIELDS))
-    if unknown:
+def identified_poses(records: Records, allowed: Collection[str] | None = None) -> list[Json]:
+    """Return the poses of a file, each with its id; fields other than those `allowed` are refused.
+
+    Raises FileRefused, of a file without poses, too.
+    """
+    poses = [_pose(record, given, allowed) for record, given in fields_of_poses(records)]
+    if not poses:
+        raise FileRefused("The file holds no poses.", f"Write one pose per line under {POSE_COLUMNS}.")
+    return poses
+
+
+def _pose(record: Record, given: Json, allowed: Collection[str] | None) -> Json:
+    if unknown := sorted(set(given) - set(allowed or given)):
         raise FileRefused(
             f"In {record.place} there is no such field of a pose: {', '.join(unknown)}.",
             f"Columns of a CSV are {POSE_COLUMNS}; fields of JSON and YAML are {', '.join(POSE_FIELDS)}.",

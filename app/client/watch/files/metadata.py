@@ -18,7 +18,15 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ...pose_rows import RowError, decoded, delimiter_of, implausible_unit, is_pose_column, pose_of_cells
+from ...pose_rows import (
+    RowError,
+    check_decimal_signs,
+    decoded,
+    delimiter_of,
+    implausible_unit,
+    is_pose_column,
+    pose_of_cells,
+)
 
 SIDECARS = (".json", ".csv")
 TABLE = "poses.csv"
@@ -162,6 +170,7 @@ def _rows(text: str, *, complete: bool) -> list[tuple[int, dict[str, str], str]]
                 raise RowError(f"line {reader.line_num} has {len(cells)} cells, the header {len(names)}")
             row = {name: cell.strip() for name, cell in zip(names, cells, strict=True)}
             rows.append((reader.line_num, row, delimiter))
+    check_decimal_signs(((f"line {line}", row) for line, row, _ in rows), delimiter)
     return rows
 
 

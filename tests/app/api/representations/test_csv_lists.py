@@ -60,7 +60,7 @@ def test_measured_poses_come_from_a_spreadsheet(api: Any) -> None:
         "pose_id;x_mm;y_mm;z_mm;roll_deg;j1_deg;j2_deg\nP1;1,5;-2;300;90,0;0,5;-20\nP2;;;;;;\n",
         "pose_id;position_x_mm;position_y_mm;position_z_mm;roll_deg;joint_angles_deg\n"
         'P1;1,5;-2;300;90;"0,5; -20"\nP2;;;;;\n',
-        "pose_id\tposition_mm\troll_deg\tjoint_angles_deg\nP1\t1,5 -2 300\t90\t0.5 -20\nP2\t\t\t\n",
+        "pose_id\tposition_mm\troll_deg\tjoint_angles_deg\nP1\t1,5 -2 300\t90\t0,5 -20\nP2\t\t\t\n",
     ],
 )
 def test_names_and_decimal_commas_of_spreadsheets_are_read(api: Any, text: str) -> None:
@@ -145,6 +145,9 @@ def test_every_list_is_a_table_too(api: Any, grey_png: bytes, path: str) -> None
         ('pose_id\n"P1\n', "invalid_csv"),
         ("pose_id,roll\nP1,1\n", "invalid_request"),
         ("pose_id,roll_deg\nP1,x\n", "invalid_request"),
+        ("pose_id,roll_deg\nP1,1_0\n", "invalid_request"),
+        ("pose_id;x_mm;y_mm;z_mm\nP1;1.234;0;1\nP2;812,5;0;1\n", "invalid_csv"),
+        ("pose_id;position_mm;roll_deg\nP1;1 2 3.5;0,5\n", "invalid_csv"),
         ("pose_id,roll_deg\nP1,nan\n", "invalid_request"),
         ("pose_id,position_mm\nP1,1 2\n", "invalid_request"),
         ("roll_deg\n1\n", "invalid_request"),

@@ -179,6 +179,14 @@ def test_a_wrong_cell_is_named_with_its_line(
     assert len(readings) == 2
 
 
+def test_a_stated_decimal_sign_is_the_only_one(tmp_path: Path) -> None:
+    path = write(tmp_path, "x;y;z\n1,5;1.234;3\n")
+    for sign, column in ((",", "y"), (".", "x")):
+        readings, problems = read(path, decimal=sign)
+        assert readings == []
+        assert problems[0][1].startswith(f"{column} is not a number")
+
+
 def test_cycles_that_come_twice_and_joints_that_differ(tmp_path: Path) -> None:
     text = "pose,cycle,x,y,z\nP1,1,0,0,0\nP1,1,0,0,1\nP1,2,0,0,1\nP1,0,0,0,1\nP1,1.5,0,0,1\n"
     _, problems = read(write(tmp_path, text))
@@ -197,7 +205,7 @@ def test_cycles_that_come_twice_and_joints_that_differ(tmp_path: Path) -> None:
         ("a.csv", "a,b,z\n1,2,3\n", "no x, y"),
         ("a.csv", "x,x,z\n1,2,3\n", "x"),
         ("a.csv", "x,y,z\n1,2\n", "Line 2"),
-        ("a.csv", "x;y;z\n1,5;2.5;3\n", "decimal"),
+        ("a.csv", "x;y;z\n1,5;2.5;3\n", "y is 2.5 in line 2"),
         ("a.dat", "x,y,z\n1,2,3\n", "a.dat"),
         ("a.json", '[\n{"x": 1,}]', "Line 2"),
         ("a.json", "[" * 100_000, "nested"),
