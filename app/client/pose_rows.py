@@ -8,6 +8,9 @@ Values that are almost surely in metres or radians are noticed here, too.
 
 from __future__ import annotations
 
+import codecs
+import csv
+import io
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -23,6 +26,7 @@ _FORMULA = ("=", "+", "-", "@")
 """Text that begins so has an apostrophe before it in tables of the service, against spreadsheets."""
 _JOINT = re.compile(r"j([1-9][0-9]?)_deg")
 _DELIMITERS = ";\t,"
+_STATED_DELIMITER = re.compile(r'"?sep=([;\t,|])"?[;\t,|]*(?:\r\n|\r|\n)', re.IGNORECASE)
 _LEAST_REACH_MM = 5.0
 """A robot that never leaves a cube of 10 mm about its origin is stated in metres."""
 _FULL_TURN_RAD = 7.0
@@ -40,13 +44,25 @@ class RowError(ValueError):
     """A row cannot be used; the message gives the reason."""
 
 
-def delimiter_of(line: str) -> str:
-    """Return the delimiter that a CSV's first line has most of: a semicolon, a tab or a comma."""
-    return max(_DELIMITERS, key=line.count)
+def csv_rows(text: str, delimiter: str | None = None) -> tuple[Any, str]:
+    """Return the reader of a CSV from its header on, and its delimiter.
+
+    Unless given, that is the one that a spreadsheet's line `sep=;` before the header states, else the one of
+    semicolon, tab and comma that the header has most of.
+    """
+    stated = _STATED_DELIMITER.match(text)
+    if delimiter is None:
+        delimiter = stated[1] if stated else max(_DELIMITERS, key=text.partition("\n")[0].count)
+    rows = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
+    if stated:
+        next(rows)
+    return rows, delimiter
 
 
 def decoded(data: bytes) -> str:
-    """Return a text file's content: UTF-8, else the encoding of spreadsheets on Windows."""
+    """Return a text file's content: UTF-8, UTF-16 with its mark, else the encoding of spreadsheets on Windows."""
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data.decode("utf-16", errors="replace")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:

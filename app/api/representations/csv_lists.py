@@ -3,12 +3,13 @@
 A field that is a list of numbers is one cell of numbers with spaces, commas or semicolons between them, a matrix row
 after row. `position_mm` may be the three columns `position_x_mm`, `position_y_mm`, `position_z_mm`, or `x_mm`, `y_mm`,
 `z_mm`; `joint_angles_deg` the columns `j1_deg`, `j2_deg`, ... Columns may be separated by semicolons or tabs, too;
-numbers may then have decimal commas, as spreadsheets write them. A column `id`, which lists of the service have, is not
-read.
+numbers may then have decimal commas, as spreadsheets write them. A first line `sep=;` and UTF-16 with its mark are
+read, too. A column `id`, which lists of the service have, is not read.
 """
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import re
@@ -19,6 +20,8 @@ from app.markup import guarded
 
 MAX_ROWS = 20_000
 DELIMITERS = ",;\t"
+_STATED_DELIMITER = re.compile(r'"?sep=([,;\t])"?[,;\t]*(?:\r\n|\r|\n)', re.IGNORECASE)
+_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _AXES = tuple(f"position_{axis}_mm" for axis in "xyz")
 _OTHER_NAMES = {f"{axis}_mm": f"position_{axis}_mm" for axis in "xyz"}
 _JOINT = re.compile(r"j([1-9][0-9]?)_deg")
@@ -34,8 +37,10 @@ def read_csv_list(body: bytes) -> list[dict[str, Any]]:
     Raises InvalidContent for what is no CSV with a header, TooLarge for too many rows.
     """
     try:
-        text = body.decode("utf-8-sig")
-        delimiter = max(DELIMITERS, key=text.partition("\n")[0].count)
+        text = body.decode("utf-16" if body.startswith(_UTF16) else "utf-8-sig")
+        stated = _STATED_DELIMITER.match(text)
+        delimiter = stated[1] if stated else max(DELIMITERS, key=text.partition("\n")[0].count)
+        text = text[stated.end() :] if stated else text
         lines = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=delimiter)
         rows = [row for row in lines if row]
     except (UnicodeDecodeError, csv.Error) as error:

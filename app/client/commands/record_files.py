@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import enum
-import io
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ..pose_rows import ONE_DECIMAL_SIGN, decoded, delimiter_of, mixed_decimal_signs
+from ..pose_rows import ONE_DECIMAL_SIGN, csv_rows, decoded, mixed_decimal_signs
 from .console import OptionRefused
 
 FORMATS = {".csv": "csv", ".txt": "csv", ".tsv": "csv", ".json": "json", ".yaml": "yaml", ".yml": "yaml"}
@@ -122,8 +121,7 @@ def _read_text(path: Path) -> str:
 
 
 def _csv_records(text: str, delimiter: str | None) -> Records:
-    delimiter = delimiter or delimiter_of(text.partition("\n")[0])
-    rows = csv.reader(io.StringIO(text), delimiter=delimiter)
+    rows, delimiter = csv_rows(text, delimiter)
     try:
         names = [name.strip() for name in next(rows)]
     except StopIteration:

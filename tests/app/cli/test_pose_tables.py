@@ -39,6 +39,24 @@ def test_poses_are_loaded_from_a_table_with_gaps(served: Any, tmp_path: Path) ->
     assert not any(value is not None for value in stored["P2"].values())
 
 
+def test_tables_of_spreadsheets_may_state_their_separator_and_be_utf_16(served: Any, tmp_path: Path) -> None:
+    session = served.make_session()
+    file = tmp_path / "poses.csv"
+    text = "sep={0}\npose_id{0}yaw_deg{0}approach\nP1{0}9{0}über\nP2{0}{1}{0}\n"
+    for separator, encoding in ((";", "utf-8-sig"), (",", "cp1252"), ("\t", "utf-16"), ("|", "utf-16")):
+        file.write_text(text.format(separator, "11.5"), encoding=encoding)
+        gridpose(served, "poses", "load", str(file), "--session", session)
+        stored = poses_of(served, session)
+        assert (stored["P1"]["approach"], stored["P2"]["yaw_deg"]) == ("über", 11.5)
+        assert read_table(file).commands == {
+            "P1": {"yaw_deg": 9.0, "approach": "über"},
+            "P2": {"yaw_deg": 11.5},
+        }
+    file.write_text(text.format(";", "x"), encoding="utf-16")
+    assert "line 4" in gridpose(served, "poses", "load", str(file), "--session", session, code=2).stderr
+    assert "line 4" in read_table(file).errors[0]
+
+
 def test_poses_are_loaded_from_json_and_replaced_whole(served: Any, tmp_path: Path) -> None:
     session = served.make_session()
     file = tmp_path / "poses.json"

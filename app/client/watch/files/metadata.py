@@ -10,7 +10,6 @@ A sidecar takes precedence over a table, a table over the path.
 from __future__ import annotations
 
 import csv
-import io
 import json
 import math
 from collections.abc import Mapping
@@ -21,8 +20,8 @@ from typing import Any
 from ...pose_rows import (
     RowError,
     check_decimal_signs,
+    csv_rows,
     decoded,
-    delimiter_of,
     implausible_unit,
     is_pose_column,
     pose_of_cells,
@@ -158,8 +157,7 @@ def _rows(text: str, *, complete: bool) -> list[tuple[int, dict[str, str], str]]
     """Return line, cells by column, and delimiter of each row."""
     if complete and not text.endswith(("\n", "\r")):
         text = text[: max(text.rfind("\n"), text.rfind("\r")) + 1]
-    delimiter = delimiter_of(text.partition("\n")[0])
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
+    reader, delimiter = csv_rows(text)
     names = [name.strip() for name in next(reader, [])]
     if unknown := [name for name in names if name and not _is_column(name)]:
         raise RowError(f"there is no such column of a pose: {', '.join(unknown)}")

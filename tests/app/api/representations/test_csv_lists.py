@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from app.client.pose_rows import delimiter_of, pose_of_cells
+from app.client.pose_rows import csv_rows, decoded, pose_of_cells
 
 HEADERS = {"Content-Type": "text/csv; charset=utf-8"}
 POSES = (
@@ -61,16 +61,20 @@ def test_measured_poses_come_from_a_spreadsheet(api: Any) -> None:
         "pose_id;position_x_mm;position_y_mm;position_z_mm;roll_deg;joint_angles_deg\n"
         'P1;1,5;-2;300;90;"0,5; -20"\nP2;;;;;\n',
         "pose_id\tposition_mm\troll_deg\tjoint_angles_deg\nP1\t1,5 -2 300\t90\t0,5 -20\nP2\t\t\t\n",
+        "sep=;\r\npose_id;position_mm;roll_deg;joint_angles_deg\r\nP1;1,5 -2 300;90;0,5 -20\r\nP2;;;\r\n",
+        "pose_id\tposition_mm\troll_deg\tj1_deg\tj2_deg\nP1\t1,5 -2 300\t90\t0,5\t-20\nP2\t\t\t\t\n".encode(
+            "utf-16"
+        ),
     ],
 )
-def test_names_and_decimal_commas_of_spreadsheets_are_read(api: Any, text: str) -> None:
+def test_names_and_decimal_commas_of_spreadsheets_are_read(api: Any, text: str | bytes) -> None:
     first, second = send(api, api.make_session(), "poses", text).json()["items"]
     assert first["position_mm"] == [1.5, -2.0, 300.0]
     assert (first["roll_deg"], first["joint_angles_deg"]) == (90.0, [0.5, -20.0])
     assert {value for name, value in second.items() if name != "pose_id"} == {None}
     # The command line reads the same files.
-    rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=delimiter_of(text.partition("\n")[0])))
-    fields = pose_of_cells(dict(zip(rows[0], rows[1], strict=True)), delimiter_of(text.partition("\n")[0]))
+    rows, delimiter = csv_rows(decoded(text.encode() if isinstance(text, str) else text))
+    fields = pose_of_cells(dict(zip(next(rows), next(rows), strict=True)), delimiter)
     assert fields == {name: value for name, value in first.items() if value is not None}
 
 
