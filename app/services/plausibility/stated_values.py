@@ -244,7 +244,7 @@ def _in_radians(joints: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
         (f"joints.{place}.{name}", joint[name])
         for place, joint in enumerate(joints)
         for name in ("minimum_deg", "maximum_deg")
-        if joint.get(name) is not None
+        if joint.get(name) is not None and joint.get("minimum_deg") != joint.get("maximum_deg")
     ]
     found = []
     if _are_small(twists) and any(_is_quarter_turn(angle) for _, angle in twists):

@@ -93,7 +93,12 @@ def _check(joints: Sequence[Mapping[str, Any]]) -> None:
             missing = "minimum_deg" if lower is None else "maximum_deg"
             errors.append((f"joints.{place}.{missing}", "is missing: limits come together"))
         elif lower is not None and upper is not None and not lower < upper:
-            errors.append((f"joints.{place}.maximum_deg", "must be above minimum_deg"))
+            held = (
+                "; give a joint that is held no limits, and its angle with each pose"
+                if lower == upper
+                else ""
+            )
+            errors.append((f"joints.{place}.maximum_deg", f"must be above minimum_deg{held}"))
         if joint.get("beta_deg") and (place == len(joints) - 1 or not _nearly_parallel(joint)):
             errors.append(
                 (f"joints.{place}.beta_deg", "is of a joint whose axis is near parallel to the next one's")

@@ -95,6 +95,12 @@ def test_a_robot_is_made_from_a_table_from_a_urdf_and_by_its_model(served: Any, 
         gridpose(served, "robots", "create", "x", "--joints-from", str(table), code=2)
 
 
+def test_a_joint_that_is_held_is_not_one_in_radians(served: Any) -> None:
+    said = gridpose(served, "robots", "create", "x", "--joint", "0:90:89:0:5:5", code=1).stderr
+    assert "radians" not in said
+    assert "no limits, and its angle with each pose" in " ".join(said.split())
+
+
 def test_known_robots_are_listed_without_a_service() -> None:
     done = CliRunner().invoke(app, ["robots", "list", "--known"], env={"GRIDPOSE_URL": "http://127.0.0.1:9"})
     assert done.exit_code == 0

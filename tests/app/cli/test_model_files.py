@@ -148,6 +148,23 @@ def test_urdf_of_coupled_joints_has_joints_that_mimic() -> None:
         agree(tree.get_transform("flange", "base_link"), forward(chain(of), (coupling @ stated)[None])[0])
 
 
+def test_names_of_a_urdf_are_unique_whatever_the_robot_s_joints_are_called() -> None:
+    names = ("flange_joint", "camera_joint", "a", "a_of_b", "b_of_c", "c")
+    of = model(joint_names=names)
+    coupling = np.eye(6)
+    coupling[2, 4] = coupling[3, 5] = 1.0  # a by b_of_c, a_of_b by c
+    of.document["joint_coupling"] = coupling.tolist()
+    robot = ElementTree.fromstring(WRITERS["urdf"](of))
+    for kind in ("joint", "link"):
+        found = [element.attrib["name"] for element in robot.findall(kind)]
+        assert len(set(found)) == len(found) == {"joint": 10, "link": 11}[kind]
+    assert {"flange", "camera"} <= {link.attrib["name"] for link in robot.findall("link")}
+    tree = UrdfTransformManager()
+    tree.load_urdf(WRITERS["urdf"](model(joint_names=("flange", "link_1", "base_link", "camera", "e", "f"))))
+    tree.set_joint("flange", 1.0)
+    agree(tree.get_transform("flange", "base_link"), forward(chain(of), np.eye(6)[:1])[0])
+
+
 def test_urdf_without_limits_turns_freely_and_has_a_camera_only_where_asked() -> None:
     text = WRITERS["urdf"](model(with_camera=False))
     assert text.count('type="continuous"') == 6

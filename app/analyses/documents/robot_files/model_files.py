@@ -75,7 +75,7 @@ def write_urdf(model: Model) -> str:
     lines += [f"  <!-- {comment_text(line)} -->" for line in _provenance(model)]
     count = len(model.joints)
     names = ["base_link", *(f"link_{i}" for i in range(1, count + 1)), "flange"]
-    fixed = np.eye(4)
+    fixed, taken = np.eye(4), list(model.joint_names)
     for i, joint in enumerate(model.joints):
         offset = so3_exp(np.array([0.0, 0.0, _radians(joint["theta_offset_deg"])]))
         origin = fixed @ transform(offset, np.zeros(3))
@@ -90,20 +90,21 @@ def write_urdf(model: Model) -> str:
         turned = [names[i], *between, names[i + 1]]
         # The joint itself comes last, so that the links between have the place of the joint's origin.
         for (j, share), parent, child in zip(shares, turned, turned[1:], strict=False):
-            name = _unused_name(f"{model.joint_names[i]}_of_{model.joint_names[j]}", model.joint_names)
-            mimic = (
-                f'<mimic joint={quoted_attribute(model.joint_names[j])} multiplier="{share!r}" offset="0"/>'
-            )
+            name = _unused_name(f"{model.joint_names[i]}_of_{model.joint_names[j]}", taken)
+            taken.append(name)
+            led = quoted_attribute(model.joint_names[j])
+            mimic = f'<mimic joint={led} multiplier="{share!r}" offset="0"/>'
             lines += _joint(name, "continuous", parent, child, origin, mimic)
             origin = np.eye(4)
         lines += _joint(model.joint_names[i], kind, turned[-2], names[i + 1], origin, limit)
         fixed = _link(joint)
-    lines += _joint("flange_joint", "fixed", names[count], "flange", fixed, "", axis=False)
+    name = _unused_name("flange_joint", taken)
+    lines += _joint(name, "fixed", names[count], "flange", fixed, "", axis=False)
     camera = model.document["flange_camera"] if model.with_camera else None
     if camera is not None:  # one that is fixed is no part of the robot
-        camera = camera["T_flange_camera"]
+        name, T = _unused_name("camera_joint", taken), _metres(camera["T_flange_camera"])
+        lines += _joint(name, "fixed", "flange", "camera", T, "", axis=False)
         names.append("camera")
-        lines += _joint("camera_joint", "fixed", "flange", "camera", _metres(camera), "", axis=False)
     lines += [f'  <link name="{name}"/>' for name in names]
     return "\n".join([*lines, "</robot>", ""])
 
