@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import enum
 import json
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +36,10 @@ FileFormat = Annotated[
 Delimiter = Annotated[
     str | None, typer.Option(help="Of a CSV's columns, or tab.  [default: by the first line]")
 ]
+
+
+_RESTATED = re.compile(r"[-+]?(?:0[0-7_]+|[1-9][0-9_]*(?::[0-5]?[0-9])+|[0-9]+_[0-9_]*)(?:\.[0-9_]*)?")
+"""Numbers that YAML 1.1 reads as others than people: octal 010, base 60 in 1:30, and 1_2 as 12."""
 
 
 class FileRefused(OptionRefused):
@@ -159,11 +164,18 @@ def _parsed_json(text: str) -> Any:
         raise FileRefused(f"Line {error.lineno} is not JSON: {error.msg}.") from error
 
 
+def _yaml_loader() -> Any:
+    """Return the safe loader, in C if available."""
+    import yaml
+
+    return getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
 def _parsed_yaml(text: str) -> tuple[Any, Any]:
     """Return the content of a YAML, and the tree of its nodes."""
     import yaml
 
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    loader = _yaml_loader()
     try:
         for event in yaml.parse(text, Loader=loader):
             if isinstance(event, yaml.AliasEvent):  # a few lines with aliases may expand to millions of poses
@@ -187,6 +199,13 @@ def _yaml_records(text: str) -> Iterator[Record]:
     import yaml
 
     content, tree = _parsed_yaml(text)
+    for event in yaml.parse(text, Loader=_yaml_loader()):
+        if isinstance(event, yaml.ScalarEvent) and event.implicit[0] and _RESTATED.fullmatch(event.value):
+            where = f"Line {event.start_mark.line + 1}" if event.start_mark is not None else "The file"
+            raise FileRefused(
+                f"{where} has {event.value}, which YAML reads as {yaml.safe_load(event.value)}.",
+                "Put a name in quotes, and write a number in decimal digits without zeros before it.",
+            )
     lines: dict[int, int] = {}
     if isinstance(tree, yaml.MappingNode):
         lines = {i: key.start_mark.line + 1 for i, (key, _) in enumerate(tree.value)}
@@ -201,6 +220,8 @@ def _entries(content: Any, lines: dict[int, int]) -> Iterator[Record]:
         content, lines = content["items"], {}
     named: Iterable[tuple[str | None, Any]]
     if isinstance(content, dict):
+        if nameless := [name for name in content if name is None or isinstance(name, bool)]:
+            raise FileRefused(f"The name of a pose is read as {nameless[0]}, no text.", "Put it in quotes.")
         named = [(str(name), entry) for name, entry in content.items()]
     elif isinstance(content, list):
         named = [(None, entry) for entry in content]

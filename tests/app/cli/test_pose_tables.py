@@ -69,6 +69,16 @@ def test_poses_are_loaded_from_json_and_replaced_whole(served: Any, tmp_path: Pa
     assert stored["P2"]["roll_deg"] == 3.0
 
 
+@pytest.mark.parametrize("text", ["- {pose_id: no, yaw_deg: 5}", "no: {yaw_deg: 5}", "~: {yaw_deg: 5}"])
+def test_a_name_that_yaml_reads_as_another_value_asks_for_quotes(
+    served: Any, tmp_path: Path, text: str
+) -> None:
+    file = tmp_path / "poses.yaml"
+    file.write_text(text, encoding="utf-8")
+    refused = gridpose(served, "poses", "load", str(file), "--session", served.make_session(), code=2)
+    assert "Put it in quotes" in refused.stderr
+
+
 @pytest.mark.parametrize(
     ("table", "unit"),
     [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -79,16 +80,35 @@ def _pose(record: Record, number: int, layout: ColumnLayout, decimal: str) -> Js
 
 
 def _native(record: Record) -> Json:
-    """Return a record in the service's own form, unchecked: the service validates it."""
+    """Return a record in the service's own form; shapes and ranges are for the service to validate."""
     unknown = sorted(set(record.fields) - {*_NATIVE, "id"})
     if unknown:
         raise _Invalid(f"a pose with position_mm has no field {', '.join(unknown)}")
-    if "pose_id" not in record.fields and record.name is None:
-        raise _Invalid("has no pose_id")
-    return {
+    pose = {
         "pose_id": record.name,
         **{name: value for name, value in record.fields.items() if name in _NATIVE},
     }
+    if pose["pose_id"] is None:
+        raise _Invalid("has no pose_id")
+    if not isinstance(pose["pose_id"], str):
+        raise _Invalid(f"pose_id is read as {pose['pose_id']}, no text: put it in quotes")
+    for name in _NATIVE[1:]:
+        if pose.get(name) is not None:
+            _check_numbers(name, pose[name])
+    return pose
+
+
+def _check_numbers(name: str, content: Any) -> None:
+    """Raise _Invalid, which names the place, where something in a number or in lists of numbers is another value."""
+    if isinstance(content, list):
+        for place, one in enumerate(content):
+            _check_numbers(f"{name}.{place}", one)
+    elif isinstance(content, bool) or not isinstance(content, int | float) or not _is_finite(content):
+        raise _Invalid(f"{name} is not a finite number: {str(content)[:40]!r}")
+
+
+def _is_finite(number: float) -> bool:
+    return abs(number) <= sys.float_info.max  # not for NaN, and whole numbers have no limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +125,11 @@ class _Cells:
     def number(self, name: str) -> float:
         return math.fsum(map(self._number, self.layout.of(name)))
 
+    def content(self, name: str) -> Any:
+        return self.record.fields[self.layout.columns.get(name, name)]
+
     def text(self, name: str) -> str:
-        return str(self.record.fields[self.layout.columns.get(name, name)])
+        return str(self.content(name))
 
     def cycle(self) -> int | None:
         if not self.has("cycle"):
@@ -126,7 +149,7 @@ class _Cells:
         for name in columns:
             content = self.record.fields.get(name)
             if isinstance(content, list):
-                values += [self._as_number(name, one) for one in content]
+                values += [self._as_number(f"{name}.{place}", one) for place, one in enumerate(content)]
             else:
                 values.append(self._number(name))
         return [self.layout.joint_deg * value for value in values] or None
@@ -141,18 +164,17 @@ class _Cells:
             raise _Invalid(
                 f"{column} is empty" if not isinstance(content, bool) else f"{column} is not a number"
             )
-        if isinstance(content, int | float):
-            value = float(content)
-        else:
+        value = content
+        if not isinstance(content, int | float):
             text = str(content).strip()
             text = text.translate({ord("."): "x", ord(","): "."}) if self.decimal == "," else text
             try:
                 value = float(text.replace("_", "x"))
             except ValueError:
                 raise _Invalid(f"{column} is not a number: {str(content)[:40]!r}") from None
-        if not math.isfinite(value):
-            raise _Invalid(f"{column} is not finite")
-        return value
+        if not _is_finite(value):
+            raise _Invalid(f"{column} is not finite: {str(content)[:40]}")
+        return float(value)
 
 
 def _pose_id(cell: _Cells, record: Record, number: int, layout: ColumnLayout) -> str:
@@ -160,6 +182,8 @@ def _pose_id(cell: _Cells, record: Record, number: int, layout: ColumnLayout) ->
     if layout.columns.get("pose", "pose") in record.fields or "pose" in layout.columns:
         if not cell.has("pose"):
             raise _Invalid("has no pose")
+        if isinstance(cell.content("pose"), bool):
+            raise _Invalid(f"pose is read as {cell.text('pose')}: put it in quotes")
         pose_id = cell.text("pose")
     elif record.name is not None:
         pose_id = record.name

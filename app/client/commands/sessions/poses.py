@@ -100,6 +100,11 @@ def _pose(record: Record, given: Json, allowed: Collection[str] | None) -> Json:
             f"Columns of a CSV are {POSE_COLUMNS}; fields of JSON and YAML are {', '.join(POSE_FIELDS)}.",
         )
     pose = {**given} if record.name is None else {"pose_id": record.name, **given}
+    if isinstance(pose.get("pose_id"), bool):
+        raise FileRefused(
+            f"In {record.place} pose_id is read as {pose['pose_id']}, as YAML reads yes, no, on and off.",
+            "Put it in quotes.",
+        )
     if not pose.get("pose_id"):
         raise FileRefused(f"In {record.place} the pose has no pose_id.", "Give each pose an id of its own.")
     return pose
