@@ -25,6 +25,10 @@ _LISTS = ("position_mm", "joint_angles_deg")
 _FORMULA = ("=", "+", "-", "@")
 """Text that begins so has an apostrophe before it in tables of the service, against spreadsheets."""
 _JOINT = re.compile(r"j([1-9][0-9]?)_deg")
+_UNITLESS = re.compile(
+    r"(?:(?P<length>position|(?:position_)?[xyz])|(?P<angle>roll|pitch|yaw|j[1-9][0-9]?|joint_angles))"
+    r"(?:_(?:m|cm|in|rad))?"
+)
 _DELIMITERS = ";\t,"
 _STATED_DELIMITER = re.compile(r'"?sep=([;\t,|])"?[;\t,|]*(?:\r\n|\r|\n)', re.IGNORECASE)
 _LEAST_REACH_MM = 5.0
@@ -38,6 +42,15 @@ _LEAST_POSES = 2
 def is_pose_column(name: str) -> bool:
     """Return whether a table of poses may have a column of this name."""
     return _OTHER_NAMES.get(name, name) in (*_AXES, *POSE_FIELDS) or _JOINT.fullmatch(name) is not None
+
+
+def in_unit(name: str) -> str | None:
+    """Return what to do with a column of a pose in another unit, or without one; None for any other."""
+    match = _UNITLESS.fullmatch(name)
+    if match is None:
+        return None
+    unit = "mm" if match["length"] else "deg"
+    return f"State {name} in {unit} and name it {match['length'] or match['angle']}_{unit}"
 
 
 class RowError(ValueError):

@@ -69,6 +69,25 @@ def test_poses_are_loaded_from_json_and_replaced_whole(served: Any, tmp_path: Pa
     assert stored["P2"]["roll_deg"] == 3.0
 
 
+@pytest.mark.parametrize(
+    ("column", "advice"),
+    [
+        ("x_m", "State x_m in mm and name it x_mm"),
+        ("position_z", "State position_z in mm and name it position_z_mm"),
+        ("j1_rad", "State j1_rad in deg and name it j1_deg"),
+        ("yaw", "State yaw in deg and name it yaw_deg"),
+    ],
+)
+def test_a_column_in_another_unit_says_what_to_do(
+    served: Any, tmp_path: Path, column: str, advice: str
+) -> None:
+    file = tmp_path / "poses.csv"
+    file.write_text(f"pose_id,{column}\nP1,0.5\n", encoding="utf-8")
+    refused = gridpose(served, "poses", "load", str(file), "--session", served.make_session(), code=2)
+    assert advice in " ".join(refused.stderr.split())
+    assert advice in read_table(file).errors[0]
+
+
 @pytest.mark.parametrize("text", ["- {pose_id: no, yaw_deg: 5}", "no: {yaw_deg: 5}", "~: {yaw_deg: 5}"])
 def test_a_name_that_yaml_reads_as_another_value_asks_for_quotes(
     served: Any, tmp_path: Path, text: str

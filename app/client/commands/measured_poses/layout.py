@@ -34,6 +34,7 @@ _SYNONYMS = {
     "pose": ("pose", "pose_id", "poseid", "pose_name", "pose_no", "pose_number"),
     "cycle": ("cycle", "cycle_id", "cycle_no", "cycle_number", "repetition"),
     "joints": ("joints", "joint_angles", "joint_angles_deg"),
+    **{name: (name, f"q_{name[1]}") for name in QUATERNION},
     **{name: (name, *(f"{name}_{unit}" for unit in _LENGTHS)) for name in _MEASURED_LENGTHS},
     **{
         name: tuple(

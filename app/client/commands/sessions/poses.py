@@ -15,6 +15,7 @@ from ...pose_rows import (
     RowError,
     check_decimal_signs,
     implausible_unit,
+    in_unit,
     pose_of_cells,
 )
 from ..access import UploadAccess
@@ -95,9 +96,11 @@ def identified_poses(records: Records, allowed: Collection[str] | None = None) -
 
 def _pose(record: Record, given: Json, allowed: Collection[str] | None) -> Json:
     if unknown := sorted(set(given) - set(allowed or given)):
+        advice = [f"{found}. " for name in unknown if (found := in_unit(name))]
         raise FileRefused(
             f"In {record.place} there is no such field of a pose: {', '.join(unknown)}.",
-            f"Columns of a CSV are {POSE_COLUMNS}; fields of JSON and YAML are {', '.join(POSE_FIELDS)}.",
+            f"{''.join(advice)}Columns of a CSV are {POSE_COLUMNS}; "
+            f"fields of JSON and YAML are {', '.join(POSE_FIELDS)}.",
         )
     pose = {**given} if record.name is None else {"pose_id": record.name, **given}
     if isinstance(pose.get("pose_id"), bool):

@@ -23,6 +23,7 @@ from ...pose_rows import (
     csv_rows,
     decoded,
     implausible_unit,
+    in_unit,
     is_pose_column,
     pose_of_cells,
 )
@@ -160,7 +161,8 @@ def _rows(text: str, *, complete: bool) -> list[tuple[int, dict[str, str], str]]
     reader, delimiter = csv_rows(text)
     names = [name.strip() for name in next(reader, [])]
     if unknown := [name for name in names if name and not _is_column(name)]:
-        raise RowError(f"there is no such column of a pose: {', '.join(unknown)}")
+        advice = [f". {found}" for name in unknown if (found := in_unit(name))]
+        raise RowError(f"there is no such column of a pose: {', '.join(unknown)}{''.join(advice)}")
     rows: list[tuple[int, dict[str, str], str]] = []
     for cells in reader:
         if any(cell.strip() for cell in cells):

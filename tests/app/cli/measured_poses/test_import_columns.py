@@ -127,12 +127,21 @@ def test_angles_without_a_convention_are_refused(
         ({"qx": 0, "qy": 0, "qz": 0}, "qw"),
         ({"Pose": "P2"}, "pose=pose_id"),
         ({"X_mm": 1}, "x=x"),
+        ({"qx": 0, "q_x": 0}, "qx=qx"),
+        ({"q_x": 0, "q_y": 0, "q_z": 0}, "no qw"),
     ],
 )
 def test_what_may_be_read_in_two_ways_is_refused(tmp_path: Path, row: dict[str, Any], named: str) -> None:
     with pytest.raises(FileRefused) as refused:
         read(written(tmp_path, {**ROW, **row}))
     assert named in f"{refused.value} {refused.value.advice}"
+
+
+def test_a_quaternion_has_its_names_with_or_without_an_underscore(tmp_path: Path) -> None:
+    half = 0.5**0.5
+    ((reading,), unused) = read(written(tmp_path, {**ROW, "q_w": half, "Q_X": 0, "q_y": 0, "q_z": half}))
+    assert np.allclose(reading["rotation"], [[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    assert unused == []
 
 
 def test_a_quaternion_that_is_not_whole_is_an_error_of_its_line(tmp_path: Path) -> None:
