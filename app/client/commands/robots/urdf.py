@@ -168,6 +168,11 @@ def _unrounded(text: str) -> float:
 def _chain(joints: Sequence[UrdfJoint]) -> list[UrdfJoint]:
     """Return the joints from the root to the end, fixed ones too."""
     above = {joint.child: joint for joint in joints}
+    if twice := next((joint for joint in joints if above[joint.child] is not joint), None):
+        raise FileRefused(
+            f"Link {twice.child} hangs on joints {twice.name} and {above[twice.child].name}.",
+            "Give each link one parent.",
+        )
     parents = {joint.parent for joint in joints}
     chains = {joint.child: _upwards(joint, above) for joint in joints}
     counts = {end: sum(joint.kind != "fixed" for joint in chain) for end, chain in chains.items()}

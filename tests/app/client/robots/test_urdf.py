@@ -137,3 +137,13 @@ def test_every_known_arm_has_a_source_and_a_reach_of_an_arm() -> None:
         assert 300.0 < reach_mm < 3000.0
         assert known_robot(f"{robot.maker} {robot.model}".upper().replace(" ", "-")) is robot
     assert known_robot("arm") is None
+
+
+def test_a_link_with_two_parents_is_refused_by_the_names_of_its_joints() -> None:
+    joints = (("A1", "revolute", "b", "tool0"), ("Z", "fixed", "q", "tool0"))
+    text = "".join(
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/></joint>'
+        for name, kind, parent, child in joints
+    )
+    with pytest.raises(FileRefused, match="Link tool0 hangs on joints A1 and Z"):
+        parse_urdf(f'<robot name="a">{text}</robot>')
