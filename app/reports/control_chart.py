@@ -76,6 +76,9 @@ def _draw_individuals(axes: Axes, chart: ChartedFigure) -> None:
     axes.plot(chart.places, chart.values, color=BLUE, marker="o", markersize=3.5)
     outside = list(chart.outside)
     axes.plot(chart.places[outside], chart.values[outside], "o", color=RED, markersize=7, fillstyle="none")
+    # A constant figure's limits are off by adding numbers: no range to draw.
+    if np.ptp(axes.get_ylim()) < 1e-9 * abs(chart.centre):
+        axes.set_ylim(*sorted((0.95 * chart.centre, 1.05 * chart.centre)))
     axes.set_ylabel(chart.unit)
     _mark(axes, chart)
     axes.tick_params(labelbottom=False)

@@ -8,7 +8,8 @@ two-sample test takes all n values so far instead, split after each k-th one:
 
 with s² the pooled variance, has Student's t distribution with n - 2 degrees of freedom where nothing changed. Of all
 splits the largest |t_k| counts; its chance times the number of splits (Bonferroni) makes false alarms at most as
-frequent as stated. Each part has two values at least: a single one that stands out is no other level.
+frequent as stated. Each part has two values at least: a single one that stands out is no other level. Of rounded
+values s is what rounding adds at least, as in `self_starting`.
 
 Reference: Hawkins, Qiu and Kang, "The changepoint model for statistical process control", Journal of Quality
 Technology 35(4), 2003, section "The changepoint model".
@@ -23,10 +24,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import stdtr
 
+from core.metrology.control_chart.self_starting import ROUNDING, smallest_steps
+
 MIN_PART = 2
 """Values on either side of a step."""
-_ROUNDING = 1e-12
-"""Share of the largest value, and of all squares, below which a scatter is that of adding numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +41,12 @@ class Step:
 def first_step(values: Float[np.ndarray, " n"], risk: float) -> Step | None:
     """Return the first step that a series shows, None where it shows none.
 
-    `risk` is the largest chance of a false alarm at each point. Levels without scatter are not of measured figures and
-    show nothing.
+    `risk` is the largest chance of a false alarm at each point.
     """
     x = np.asarray(values, float)
     centred = x - x[:1]  # so that the sums below lose no digits
     sums, squares = np.cumsum(centred), np.cumsum(centred**2)
-    least = (_ROUNDING * float(np.abs(x).max(initial=0.0))) ** 2
+    least = (ROUNDING * smallest_steps(x)) ** 2
     for n in range(2 * MIN_PART, len(x) + 1):
         k = np.arange(MIN_PART, n - MIN_PART + 1)
         mean = sums[n - 1] / n
@@ -54,9 +54,7 @@ def first_step(values: Float[np.ndarray, " n"], risk: float) -> Step | None:
         between = below**2 * n / (k * (n - k))
         best = int(np.argmax(between))
         within = float(squares[n - 1] - n * mean**2 - between[best])
-        if within <= n * least + _ROUNDING * float(squares[n - 1]):
-            continue
-        t = math.sqrt((n - 2) * float(between[best]) / within)
+        t = math.sqrt(float(between[best]) / max(within / (n - 2), float(least[n - 1])))
         if 2.0 * len(k) * float(stdtr(n - 2, -t)) <= risk:
             return Step(n - 1, is_up=bool(below[best] > 0.0))
     return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -46,6 +47,24 @@ def test_an_event_is_seen_where_the_level_changed() -> None:
         assert event.get_linewidth() < changed.get_linewidth(), "and the change is seen at its sides"
         marks = [line for line in axes.lines if line.get_marker() == "v"]
         assert sorted(line.get_xdata()[0] for line in marks) == [1.5, 3.5]
+
+
+def test_a_constant_figure_has_no_axis_of_rounding_errors() -> None:
+    """Its limits are off by adding logarithms."""
+    value = 1234.567
+    chart = dataclasses.replace(
+        charted(False, np.arange(1.0, 6.0), ()),
+        values=np.full(5, value),
+        centre=value * (1.0 - 7e-15),
+        lower=value * (1.0 - 7e-15),
+        upper=value * (1.0 - 7e-15),
+    )
+    with drawing_style():
+        figure = control_chart_figure([chart], "history")
+        FigureCanvasAgg(figure).draw()
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert len(set(labels)) == len(labels) >= 3
+    assert max(map(len, labels)) <= 7
 
 
 def test_dates_are_few_legible_and_where_they_belong() -> None:
