@@ -93,7 +93,13 @@ class CameraFile:
 
 
 def _listed(values: Sequence[float]) -> str:
-    return "[" + ", ".join(f"{value:.10g}" for value in values) + "]"
+    return "[" + ", ".join(map(_number, values)) + "]"
+
+
+def _number(value: float) -> str:
+    """Return ten digits with a point: without one, 1e-05 is a text in YAML 1.1."""
+    mantissa, e, exponent = f"{value:.10g}".partition("e")
+    return (mantissa if "." in mantissa else f"{mantissa}.0") + e + exponent
 
 
 def _commented(of: CameraFile) -> list[str]:

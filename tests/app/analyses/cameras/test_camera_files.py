@@ -175,6 +175,19 @@ def test_a_file_holds_one_focus_group(api: Any, store: Store) -> None:
     problem(export(api, session, "ros", focus_group="near"), 404, "focus_group_not_found")
 
 
+def test_stated_intrinsics_of_few_digits_are_numbers_to_every_reader(api: Any, plain: str) -> None:
+    """To PyYAML, which reads the files of ROS and Kalibr, 1e-05 is a text: YAML 1.1 has a point in every float."""
+    stated = {"fx_px": 1160, "fy_px": 1160, "cx_px": 605, "cy_px": 515}
+    lens = {"k1": -0.1, "k2": 0.05, "p1": 1e-5, "p2": -2e-5, "k3": 0}
+    body(api.client.patch(f"/v1/sessions/{plain}", json={"intrinsics": {**stated, **lens}}))
+    ros = yaml.safe_load(text_of(export(api, plain, "ros", estimator="given")))
+    assert ros["distortion_coefficients"]["data"] == list(lens.values())
+    kalibr = yaml.safe_load(text_of(export(api, plain, "kalibr", estimator="given")))["cam0"]
+    assert kalibr["distortion_coeffs"] == list(lens.values())[:4]
+    assert kalibr["intrinsics"] == list(stated.values())
+    assert all(isinstance(value, float) for value in kalibr["intrinsics"])
+
+
 def test_requests_that_name_no_file(api: Any, store: Store) -> None:
     session = new_session(api)
     problem(export(api, session, "ros"), 409, "too_few_measurements")
