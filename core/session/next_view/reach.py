@@ -1,4 +1,7 @@
-"""Views that a robot can take: turned about the optical axis as a wrist does, and within where its joints have been."""
+"""Views that a robot can take: turned about the optical axis as a wrist does, and within where its joints have been.
+
+An arm of fewer than six joints reaches hardly any pose that is drawn: its joint angles are drawn instead.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from core.errors import NoViewShowsTarget
 from core.kinematics import Chain, forward, solve_inverse
 from core.session.estimate import FocusGroup
 from core.session.model import CameraMount
-from core.session.next_view.candidates import candidate_views, shows_target
+from core.session.next_view.candidates import MAX_TILT, candidate_views, shows_target
 from core.session.next_view.views_expected import camera_of, common_fit, image_size
 from core.targets import TargetSpec
 
@@ -25,6 +28,10 @@ way."""
 CANDIDATES = 1000
 """Views among which those of a robot are chosen. Of 200 the order needs 6 % more images; these take half a second."""
 _TRIED = 5 * CANDIDATES // 2
+_DRAWN = 20 * CANDIDATES
+"""Joint angles drawn at random: where joints may go far, few of them show the target."""
+_POSE_FREEDOM = 6
+_SEED = 11
 
 
 @dataclass(frozen=True)
@@ -45,14 +52,24 @@ class RobotReach:
     ) -> tuple[Float[np.ndarray, "n j"], Bool[np.ndarray, " n"]]:
         """Return joint angles that take the flange there, and where there are any within the range allowed."""
         found = solve_inverse(self.chain, T_base_flange, self.visited)
-        low = self.visited.min(axis=0) - JOINT_MARGIN
-        high = self.visited.max(axis=0) + JOINT_MARGIN
-        inside = np.all((found.joint_angles >= low) & (found.joint_angles <= high), axis=1)
+        return found.joint_angles, np.asarray(found.attained & self._allows(found.joint_angles))
+
+    def drawn(self) -> Float[np.ndarray, "n j"]:
+        """Return joint angles at random within the range allowed."""
+        q = np.random.default_rng(_SEED).uniform(*self._range(), (_DRAWN, len(self.chain)))
+        return q[self._allows(q)]
+
+    def _range(self) -> tuple[Float[np.ndarray, " j"], Float[np.ndarray, " j"]]:
+        return self.visited.min(axis=0) - JOINT_MARGIN, self.visited.max(axis=0) + JOINT_MARGIN
+
+    def _allows(self, joint_angles: Float[np.ndarray, "n j"]) -> Bool[np.ndarray, " n"]:
+        low, high = self._range()
+        inside = np.all((joint_angles >= low) & (joint_angles <= high), axis=1)
         if self.limits is not None:
             C = np.eye(len(self.chain)) if self.coupling is None else self.coupling
-            stated = np.linalg.solve(C, found.joint_angles.T).T
+            stated = np.linalg.solve(C, joint_angles.T).T
             inside &= ~np.any((stated < self.limits[0]) | (stated > self.limits[1]), axis=1)
-        return found.joint_angles, np.asarray(found.attained & inside)
+        return np.asarray(inside)
 
 
 @dataclass(frozen=True)
@@ -84,21 +101,28 @@ def robot_candidates(
     Raises NoViewShowsTarget where no view is within reach, TooFewMeasurements for a group without a common camera.
     """
     fit = common_fit(group)
-    wanted, turn = (CANDIDATES, WRIST_TURN) if reach is None else (_TRIED, math.pi)
-    views = candidate_views(spec, camera_of(fit), image_size(fit), wanted, turns=(_mean_turn(fit), turn))
-    T_fixed_moving = np.linalg.inv(views) if camera_mount == "robot" else views
-    flange = T_base_fixed @ T_fixed_moving @ np.linalg.inv(T_flange_moving)
+    seen = spec, camera_of(fit), image_size(fit)
     angles = None
-    if reach is not None and len(views):
-        angles, there = reach.angles(flange)
-        kept = np.flatnonzero(there)[:CANDIDATES]
-        views, flange, angles = views[kept], flange[kept], angles[kept]
-    if not len(views):
+    if reach is not None and len(reach.chain) < _POSE_FREEDOM:
+        angles = reach.drawn()
+        flange = forward(reach.chain, angles)
+        views = _views_at(flange, T_flange_moving, T_base_fixed, camera_mount)
+        there = shows_target(views, *seen) & (views[:, 2, 2] >= math.cos(MAX_TILT))
+    else:
+        wanted, turn = (CANDIDATES, WRIST_TURN) if reach is None else (_TRIED, math.pi)
+        views = candidate_views(*seen, wanted, turns=(_mean_turn(fit), turn))
+        T_fixed_moving = np.linalg.inv(views) if camera_mount == "robot" else views
+        flange = T_base_fixed @ T_fixed_moving @ np.linalg.inv(T_flange_moving)
+        there = np.ones(len(views), dtype=np.bool_)
+        if reach is not None and len(views):
+            angles, there = reach.angles(flange)
+    kept = np.flatnonzero(there)[:CANDIDATES]
+    if not len(kept):
         raise NoViewShowsTarget(
             "No view within the robot's reach shows the whole target.",
             "Use a smaller target, put it nearer the middle of the poses, or take images with joints farther apart.",
         )
-    return RobotCandidates(views, flange, angles)
+    return RobotCandidates(views[kept], flange[kept], None if angles is None else angles[kept])
 
 
 def stated_candidates(
@@ -116,8 +140,7 @@ def stated_candidates(
     """
     fit = common_fit(group)
     flange = forward(chain, joint_angles)
-    T_fixed_moving = np.linalg.inv(T_base_fixed) @ flange @ T_flange_moving
-    views = np.linalg.inv(T_fixed_moving) if camera_mount == "robot" else T_fixed_moving
+    views = _views_at(flange, T_flange_moving, T_base_fixed, camera_mount)
     kept = np.flatnonzero(shows_target(views, spec, camera_of(fit), image_size(fit)))
     if not len(kept):
         raise NoViewShowsTarget(
@@ -125,6 +148,17 @@ def stated_candidates(
             "State joint angles at which the camera sees the target with a square's width around it.",
         )
     return RobotCandidates(views[kept], flange[kept], joint_angles[kept], kept)
+
+
+def _views_at(
+    T_base_flange: Float[np.ndarray, "n 4 4"],
+    T_flange_moving: Float[np.ndarray, "4 4"],
+    T_base_fixed: Float[np.ndarray, "4 4"],
+    camera_mount: CameraMount,
+) -> Float[np.ndarray, "n 4 4"]:
+    """Return T_camera_target."""
+    T_fixed_moving = np.linalg.inv(T_base_fixed) @ T_base_flange @ T_flange_moving
+    return np.linalg.inv(T_fixed_moving) if camera_mount == "robot" else T_fixed_moving
 
 
 def _mean_turn(fit: CommonFit) -> float:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from core.errors import InvalidArgument, NoViewShowsTarget, TooFewMeasurements
-from core.kinematics import forward
+from core.geometry import invert, project, transform_points
+from core.kinematics import Chain, forward
 from core.session import (
     NextRobotViews,
     SessionData,
@@ -17,8 +18,11 @@ from core.session import (
     calibrate_session_hand_eye,
     estimate_session,
 )
-from core.session.next_view.reach import JOINT_MARGIN
+from core.session.model import CameraMount
+from core.session.next_view.candidates import MAX_TILT
+from core.session.next_view.reach import JOINT_MARGIN, RobotReach, robot_candidates
 from core.session.next_view.views_expected import expected_views
+from core.simulation import T_FLANGE_CAMERA
 from tests.support.sessions.arm_views import ArmViews, arm_before_board, viewing_angles
 from tests.support.sessions.planned_sessions import (
     DH,
@@ -28,7 +32,7 @@ from tests.support.sessions.planned_sessions import (
     images_needed,
     least_mount_images,
 )
-from tests.support.sessions.stored_sessions import BOARD
+from tests.support.sessions.stored_sessions import BOARD, CAMERA, HEIGHT, WIDTH
 
 BEGUN = {HAND_EYE: 8, DH: 16}
 
@@ -108,6 +112,36 @@ def test_no_view_is_beyond_the_limits_that_the_robot_states(begun: Begun) -> Non
     found = suggest(begun.data, begun.estimate, begun.estimate.groups[0], 0, 4, None, limits).joint_angles
     assert found is not None
     assert np.all(found <= limits[1])
+
+
+@pytest.mark.parametrize("camera_mount", ["robot", "fixed"])
+@pytest.mark.parametrize("joints", [3, 4, 5])
+def test_an_arm_of_few_joints_has_views_within_its_reach(
+    begun: Begun, joints: int, camera_mount: CameraMount
+) -> None:
+    """It reaches none of the poses that are drawn for an arm of six joints."""
+    rows = [(0.0, 90.0, 350.0, 0.0), (300.0, 0.0, 0.0, 0.0), (250.0, 0.0, 0.0, 0.0), (60.0, 90.0, 0.0, 0.0)]
+    chain = Chain.from_rows([*rows, (0.0, 0.0, 120.0, 0.0)][:joints])
+    home = np.radians([10.0, 40.0, -60.0, -30.0, 15.0])[:joints]
+    T_target_camera = begun.views.arm.camera_poses(begun.views.joint_angles)[0]
+    T_moving_fixed = invert(T_target_camera) if camera_mount == "robot" else T_target_camera
+    T_base_fixed = forward(chain, home[None])[0] @ T_FLANGE_CAMERA @ T_moving_fixed
+    limits = np.stack([home - 0.2, np.full(joints, math.nan)])
+    reach = RobotReach(chain, home + np.array([[-0.1], [0.1]]), limits)
+    group = begun.estimate.groups[0]
+    found = robot_candidates(group, BOARD, T_FLANGE_CAMERA, T_base_fixed, reach, camera_mount)
+    q = found.joint_angles
+    assert q is not None
+    assert len(q) > 50
+    assert np.all(q >= limits[0])
+    assert np.all(np.abs(q - home) <= 0.1 + JOINT_MARGIN)
+    np.testing.assert_allclose(found.T_base_flange, forward(chain, q), atol=1e-9)
+    T_fixed_moving = invert(T_base_fixed) @ found.T_base_flange @ T_FLANGE_CAMERA
+    T_camera_target = np.linalg.inv(T_fixed_moving) if camera_mount == "robot" else T_fixed_moving
+    np.testing.assert_allclose(found.T_camera_target, T_camera_target, atol=1e-9)
+    pixels = np.array([project(transform_points(T, BOARD.points_target()), CAMERA) for T in T_camera_target])
+    assert np.all((pixels > 0.0) & (pixels < [WIDTH, HEIGHT]))
+    assert np.all(T_camera_target[:, 2, 2] >= math.cos(MAX_TILT))
 
 
 def test_of_stated_candidates_each_is_taken_once_and_those_without_the_target_never(begun: Begun) -> None:
