@@ -48,7 +48,17 @@ def is_foreign(folder: Path, database: Path | None) -> bool:
     names = {path.name for path in folder.iterdir()} - OF_THE_FILE_SYSTEM
     if names & _SIGNS or (database is not None and database.parent == folder and database.name in names):
         return False
-    return any(name not in _INCIDENTAL and not name.startswith("installation.json.") for name in names)
+    return any(
+        name not in _INCIDENTAL
+        and not name.startswith("installation.json.")
+        and not (name == "backups" and _holds_only_copies(folder / name))
+        for name in names
+    )
+
+
+def _holds_only_copies(folder: Path) -> bool:
+    """Return whether a folder holds copies of a former database alone, as a killed migration leaves them."""
+    return folder.is_dir() and all(path.name.startswith("gridpose-") for path in folder.iterdir())
 
 
 def close_to_others(folder: Path) -> None:
