@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import UTC, datetime
 
 import sqlalchemy as sa
@@ -11,13 +13,14 @@ import sqlalchemy as sa
 from app.delivery.alert_file import AlertFile
 from app.delivery.derived import Derived, derived_of
 from app.delivery.measured import MeasuredSessions
-from app.delivery.posting import Attempt, post
+from app.delivery.posting import post
 from app.logs import Logger
 from app.records.readable import unreadable_columns
 from app.records.tables import Notice
 from app.services.installation.context import ServiceContext
 from app.services.installation.loop import Loop
 from app.services.notices import (
+    MAX_WEBHOOKS,
     Claimed,
     claim_due,
     note,
@@ -42,7 +45,7 @@ class Delivery:
     def __init__(self, installation: ServiceContext) -> None:
         self._database = installation.database
         self._measured = MeasuredSessions(installation.database)
-        self._sender = Sender(installation)
+        self._sender = Sender(installation, self.notify)
         self._looked_s = self._pruned_s = -_PRUNE_EVERY_S
         path = installation.settings.alert_file
         file = None
@@ -75,6 +78,7 @@ class Delivery:
         self.begin_stop()
         for loop in self._loops:
             loop.stop()
+        self._sender.stop()
 
     def examine(self) -> bool:
         """Number and queue the notices that are new, with what follows from them; return whether there were any."""
@@ -116,46 +120,44 @@ class Delivery:
 
 
 class Sender:
-    """Sends what is due: to every webhook its deliveries one after another, to several webhooks at a time.
+    """Sends what is due: to every webhook its deliveries one after another, each webhook in a thread of its own.
 
-    Of several services on one database, each claims its own.
+    None waits for another's receiver. Of several services on one database, each claims its own.
     """
 
-    def __init__(self, installation: ServiceContext) -> None:
+    def __init__(self, installation: ServiceContext, on_sent: Callable[[], None]) -> None:
         self._database = installation.database
         self._pepper = installation.pepper
+        self._on_sent = on_sent
+        self._threads = ThreadPoolExecutor(MAX_WEBHOOKS, "webhook")
+        self._sending: dict[str, Future[None]] = {}
 
-    def send_due(self) -> bool:
-        """Send the oldest due delivery of each webhook; return whether there was any."""
+    def send_due(self) -> None:
+        """Begin to send the oldest due delivery of each webhook that is sent nothing at the moment."""
+        for webhook_id, sending in list(self._sending.items()):
+            if sending.done():
+                del self._sending[webhook_id]
+                sending.result()  # raises what kept the outcome from being saved: it is sent again
         with self._database.write() as records:
-            claimed = claim_due(records, datetime.now(UTC))
-        if not claimed:
-            return False
-        attempts = asyncio.run(self._send(claimed))
-        for one, attempt in zip(claimed, attempts, strict=True):
-            with self._database.write() as records:
-                save_attempt(records, one, response_status=attempt.response_status, failure=attempt.failure)
-            if attempt.failure is not None:
-                log.warning(
-                    "webhook_not_delivered",
-                    webhook_id=one.webhook_id,
-                    delivery_id=one.delivery_id,
-                    attempt=one.attempt,
-                    reason=attempt.failure,
-                )
-        return True
+            claimed = claim_due(records, datetime.now(UTC), besides=self._sending)
+        for one in claimed:
+            sending = self._sending[one.webhook_id] = self._threads.submit(self._send, one)
+            sending.add_done_callback(lambda _: self._on_sent())
 
-    async def _send(self, claimed: list[Claimed]) -> list[Attempt]:
-        at_s = int(time.time())
-        return await asyncio.gather(
-            *(
-                post(
-                    one.url,
-                    secret_of(self._pepper, one.webhook_id),
-                    one.delivery_id,
-                    one.document,
-                    at_s=at_s,
-                )
-                for one in claimed
+    def stop(self) -> None:
+        """End; attempts that are being made are waited for."""
+        self._threads.shutdown(cancel_futures=True)
+
+    def _send(self, one: Claimed) -> None:
+        secret = secret_of(self._pepper, one.webhook_id)
+        attempt = asyncio.run(post(one.url, secret, one.delivery_id, one.document, at_s=int(time.time())))
+        with self._database.write() as records:
+            save_attempt(records, one, response_status=attempt.response_status, failure=attempt.failure)
+        if attempt.failure is not None:
+            log.warning(
+                "webhook_not_delivered",
+                webhook_id=one.webhook_id,
+                delivery_id=one.delivery_id,
+                attempt=one.attempt,
+                reason=attempt.failure,
             )
-        )

@@ -23,6 +23,7 @@ from app.services.notices.noting import (
 )
 from app.services.notices.pruning import prune
 from app.services.notices.webhooks import (
+    MAX_WEBHOOKS,
     NewWebhook,
     create_webhook,
     delete_webhook,
@@ -36,6 +37,7 @@ from app.services.notices.webhooks import (
 
 __all__ = [
     "ATTEMPTS",
+    "MAX_WEBHOOKS",
     "Claimed",
     "NewWebhook",
     "NoticeType",

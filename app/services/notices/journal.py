@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -41,8 +41,8 @@ def wait_s(attempt: int) -> float:
     return min(_MAX_S, _FIRST_S * _FACTOR ** (attempt - 1))
 
 
-def claim_due(records: orm.Session, now: datetime) -> list[Claimed]:
-    """Take the delivery that waits longest of each webhook, of those that are due.
+def claim_due(records: orm.Session, now: datetime, *, besides: Collection[str] = ()) -> list[Claimed]:
+    """Take the delivery that waits longest of each webhook but those `besides`, of those that are due.
 
     One that would be due later than any wait may last is due as well: the clock was set back.
     """
@@ -52,7 +52,7 @@ def claim_due(records: orm.Session, now: datetime) -> list[Claimed]:
     )
     first = (
         sa.select(sa.func.min(WebhookDelivery.id))
-        .where(WebhookDelivery.status == "waiting", due)
+        .where(WebhookDelivery.status == "waiting", due, WebhookDelivery.webhook_id.not_in(besides))
         .group_by(WebhookDelivery.webhook_id)
     )
     claimed = []
