@@ -179,7 +179,9 @@ def _move(path: Path, destination: Path, entry: Entry) -> None:
     try:
         path.rename(destination)
     except OSError:
-        partial = destination.with_name(f".{destination.name}.part")
+        partial = destination.with_name(
+            f".{entry.sha256}.part"
+        )  # not longer than names may be, whatever the file's
         shutil.copy2(path, partial)
         with partial.open("rb+") as stream:
             os.fsync(stream.fileno())

@@ -10,6 +10,7 @@ A sidecar takes precedence over a table, a table over the path.
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import math
 from collections.abc import Mapping
@@ -96,9 +97,19 @@ def sidecar_of(path: Path) -> Path | None:
     """Return the sidecar file of an image: its name with another suffix, or with a second one; None for none."""
     for suffix in SIDECARS:
         for place in (path.with_suffix(suffix), path.with_name(path.name + suffix)):
-            if place.is_file():
+            if _is_file(place):
                 return place
     return None
+
+
+def _is_file(path: Path) -> bool:
+    """Return whether there is such a file; none has a name that the disk cannot hold. Raises OSError."""
+    try:
+        return path.is_file()
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            return False
+        raise
 
 
 def read_sidecar(path: Path) -> ImageMetadata:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import hashlib
 import json
 import os
 import sqlite3
@@ -15,9 +17,10 @@ from app.client.images.files import legal_pose_id
 from app.client.watch import Journal, JournalInUse, JournalUnusable
 from app.client.watch.files.intact import why_incomplete
 from app.client.watch.files.metadata import MetadataError, read_sidecar, read_table, sidecar_of
-from app.client.watch.files.scan import Found, Settling, in_natural_order, list_folder
+from app.client.watch.files.scan import Found, Settling, in_natural_order, list_folder, signature_of
 from app.client.watch.journal import Entry
 from app.client.watch.report import Report
+from app.client.watch.results import _move
 from tests.support.image.images import encode
 
 PIXELS = np.random.default_rng(3).integers(0, 256, (40, 60, 3), dtype=np.uint8)
@@ -110,6 +113,35 @@ def test_sidecars_and_tables_give_angles_poses_and_times(tmp_path: Path) -> None
     assert rows.of("P1/1.png").joint_angles_deg == (10.5,)  # type: ignore[union-attr]
     assert rows.commands == {"P2": {"position_mm": [1.0, 2.0, 3.5]}}, "the last line has not ended"
     assert rows.errors == ["poses.csv, line 4: a coordinate is missing; fill x_mm, y_mm and z_mm, or none"]
+
+
+LONGEST = "a" * 251 + ".png"
+
+
+def test_an_image_whose_name_leaves_no_room_for_a_sidecars_has_none(tmp_path: Path) -> None:
+    """It was never sent: `File name too long`."""
+    image = tmp_path / LONGEST
+    image.touch()
+    assert sidecar_of(image) is None
+    (tmp_path / "1.csv").touch()
+    assert sidecar_of(tmp_path / "1.png") == tmp_path / "1.csv"
+
+
+def test_a_file_with_the_longest_name_is_moved_to_another_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    image = tmp_path / LONGEST
+    image.write_bytes(b"x")
+    digest = hashlib.sha256(b"x").hexdigest()
+    entry = Entry(LONGEST, signature_of(image.stat()), "P1", None, digest, "measured", "mea_1")
+
+    def on_another_disk(*_arguments: object) -> None:
+        raise OSError(errno.EXDEV, "Invalid cross-device link")
+
+    monkeypatch.setattr(Path, "rename", on_another_disk)
+    _move(image, tmp_path / "moved" / LONGEST, entry)
+    assert [path.name for path in (tmp_path / "moved").iterdir()] == [LONGEST]
+    assert not image.exists()
 
 
 @pytest.mark.parametrize(
