@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from datetime import UTC, datetime, timedelta
-from typing import Any
+from datetime import UTC, datetime, timedelta, tzinfo
+from typing import Any, Self
 
 import httpx2
 import numpy as np
@@ -16,8 +16,22 @@ from app.client import ClientError, ServiceClient
 from app.errors import QuotaExceeded
 from app.records.activity import Activity, acting
 from app.records.tables import ApiKey
+from app.services.measurements import quota
 from app.services.measurements.quota import count_upload, day_of
 from tests.support.image.images import encode
+
+
+class Noon(datetime):
+    """A clock that stands at noon: no test here begins on one day and ends on the next."""
+
+    @classmethod
+    def now(cls, tz: tzinfo | None = None) -> Self:
+        return super().now(tz).replace(hour=12, minute=0, second=0, microsecond=0)
+
+
+@pytest.fixture(autouse=True)
+def noon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(quota, "datetime", Noon)
 
 
 def images(count: int) -> list[bytes]:
@@ -47,9 +61,7 @@ def test_uploads_beyond_the_quota_wait_for_midnight(any_api: Any) -> None:
         refused = api.put_image(session_id, third)
         assert (refused.status_code, refused.json()["code"]) == (429, "quota_exceeded")
         assert "bytes_per_day" in refused.json()["advice"]
-        now = datetime.now(UTC)
-        midnight = datetime.combine(now.date() + timedelta(days=1), datetime.min.time(), UTC)
-        assert abs(int(refused.headers["retry-after"]) - (midnight - now).total_seconds()) < 60
+        assert abs(int(refused.headers["retry-after"]) - 12 * 3600) < 60, "midnight is twelve hours from noon"
     files = {"image": ("x.png", third, "image/png")}
     form = api.client.post(f"/v1/sessions/{session_id}/images", files=files, data={"pose_id": "P1"})
     assert form.status_code == 429
@@ -100,7 +112,7 @@ def test_a_new_day_begins_at_zero_and_a_restart_does_not(open_api: Any) -> None:
         use(api, made)
         assert api.put_image(session_id, second).status_code == 429
         with api.installation.database.write() as records:
-            yesterday = day_of(datetime.now(UTC) - timedelta(days=1))
+            yesterday = day_of(Noon.now(UTC) - timedelta(days=1))
             records.execute(sa.update(ApiKey).where(ApiKey.id == made["id"]).values(quota_day=yesterday))
         assert api.put_image(session_id, second).status_code == 202
         assert api.put_image(session_id, third).status_code == 429
