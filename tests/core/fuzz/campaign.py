@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -92,14 +93,17 @@ def _run_worker(
 
 
 def _wait(process: subprocess.Popen[bytes], report: Path, stuck_s: float) -> str | None:
-    """Wait while the report grows; return what ended the process, or None if all went well."""
-    written = None
+    """Wait while the report grows; return what ended the process, or None if all went well.
+
+    Until its first item it loads and compiles, as long as that takes on a busy machine.
+    """
+    written, deadline = None, time.monotonic() + _STUCK_S
     while True:
         try:
             code = process.wait(timeout=stuck_s)
         except subprocess.TimeoutExpired:
-            now = report.stat().st_size if report.exists() else -1
-            if now == written:
+            now = report.stat().st_size if report.exists() else 0
+            if now == written and (now > 0 or time.monotonic() > deadline):
                 process.kill()
                 process.wait()
                 return f"no sign of life for {stuck_s:g} s"
