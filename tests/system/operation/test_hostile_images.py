@@ -23,6 +23,8 @@ from tests.support.service.service import new_session
 MIB = 1 << 20
 MOST_GROWTH_BYTES = 64 * MIB
 MOST_SECONDS = 0.5
+TRIES = 3
+"""A busy machine keeps anyone waiting once in a while, and a file that costs too much does so every time."""
 BYTE, LONG = 1, 4
 
 HOSTILE: dict[str, Callable[[], bytes]] = {
@@ -126,12 +128,23 @@ def test_a_hostile_file_costs_no_more_than_a_plain_one(
     measured: Measured, name: str, record_property: Callable[[str, object], None]
 ) -> None:
     data = HOSTILE[name]()
-    plain, hostile = measured.upload(plain_image(len(data))), measured.upload(data)
-    record_property("plain", str(plain))
-    record_property("hostile", str(hostile))
-    print(f"{name}: {hostile}, plain: {plain}")
+    for attempt in range(TRIES):
+        plain = measured.upload(plain_image(len(data)))
+        hostile = measured.upload(data + b"\1" * attempt)  # new to the service each time
+        record_property("plain", str(plain))
+        record_property("hostile", str(hostile))
+        print(f"{name}: {hostile}, plain: {plain}")
+        if is_as_quick(hostile, plain):
+            break
     assert plain.status == 202
     assert hostile.status in (202, 415, 422)
     assert hostile.grown_bytes <= plain.grown_bytes + MOST_GROWTH_BYTES
-    assert hostile.processor_s <= plain.processor_s + MOST_SECONDS
-    assert hostile.livez_s <= 2 * plain.livez_s + MOST_SECONDS
+    assert is_as_quick(hostile, plain), (hostile, plain)
+
+
+def is_as_quick(hostile: Cost, plain: Cost) -> bool:
+    """Whether a hostile file took about as much of the processor, and of others' patience, as a plain one."""
+    return (
+        hostile.processor_s <= plain.processor_s + MOST_SECONDS
+        and hostile.livez_s <= 2 * plain.livez_s + MOST_SECONDS
+    )
