@@ -69,7 +69,7 @@ def test_selected_images_get_a_focus_group_and_are_computed_again(cell: Cell, op
             one["status"] == "succeeded" and one["finished_at"] > earlier[one["id"]]
             for one in cell.api.measurements(session_id)
         ),
-        60.0,
+        120.0,
         "both images are computed again",
     )
     page.wait_for_selector("text=2 measured")
@@ -109,7 +109,7 @@ def test_the_keyboard_stays_at_the_pages_of_images(
         page.focus('#gallery .paging a[rel="next"]')
         page.keyboard.press("Enter")
         page.wait_for_selector(f".paging:has-text('page {number} of 3')")
-        page.wait_for_function(f"({focused}) === '{stays_at}'", timeout=5_000)
+        page.wait_for_function(f"({focused}) === '{stays_at}'")
     assert not page.troubles
 
 

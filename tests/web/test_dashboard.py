@@ -196,7 +196,7 @@ def test_results_come_live_and_the_end_of_a_session_is_said(cell: Cell, open_pag
     assert "No image is here yet" in page.inner_text("main")
     image = cell.images[0]
     cell.api.put_image(session_id, image.data, "above_the_table", cycle=12)
-    page.wait_for_selector(".tile.good", timeout=20_000)
+    page.wait_for_selector(".tile.good")
     cut_off = "[...document.querySelectorAll('.tile .name')].some((one) => one.scrollWidth > one.clientWidth)"
     assert not page.evaluate(cut_off), "the cycle is read, too"
     assert page.inner_text(".count-succeeded") == "1"
