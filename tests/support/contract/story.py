@@ -69,7 +69,7 @@ def use_every_operation(api: Api) -> None:
     for kind, row_id in (("targets", target_id), ("robots", robot_id)):
         done(client.get(f"/v1/{kind}/{row_id}"), *listed(client, f"/v1/{kind}"))
     history(client, robot_id, target_id)  # first: later answers of the same operations read better
-    _removals(client)
+    _removals(api)
     _images(client, session_id)
     _analyses(client, session_id)
     tracker(client, robot_id, target_id)
@@ -113,7 +113,9 @@ def _webhooks(client: Any) -> None:
     done(delivery)
     address = f"{path}/deliveries"
     wait_until(
-        lambda: client.get(address).json()["items"][0]["last_failure"] is not None, 30.0, "an attempt is made"
+        lambda: client.get(address).json()["items"][0]["last_failure"] is not None,
+        120.0,
+        "an attempt is made",
     )
     done(
         *listed(client, address),
@@ -213,8 +215,9 @@ def _reports(client: Any, session_id: str) -> None:
     done(*(client.get(f"{report}.{form}") for form in ("json", "html", "pdf", "csv", "xml", "sig")))
 
 
-def _removals(client: Any) -> None:
+def _removals(api: Api) -> None:
     """Follow a session, to which an image is sent, until it is deleted, and delete all that can be."""
+    client = api.client
     robot = {"name": "spare", "joints": joint_rows(KR5_ARC)}
     target = {"name": "spare", "kind": "circles", "columns": 7, "rows": 5, "pitch_mm": 20.0}
     robot_id, target_id = (
@@ -224,7 +227,8 @@ def _removals(client: Any) -> None:
     spare = client.post("/v1/sessions", json={"name": "spare", "target_ids": [target_id]}).json()["id"]
     with ThreadPoolExecutor(1) as pool:
         followed = pool.submit(client.get, f"/v1/sessions/{spare}/events")
-        time.sleep(1.0)  # a stream of the deleted session would be 404
+        # A stream of the deleted session would be 404.
+        wait_until(lambda: api.service.streams.count() == 1, what="the session is followed")
         image = small_image(2)
         done(client.put(image_address(spare, image, "P1"), content=image, headers=OCTETS))
         time.sleep(1.0)
