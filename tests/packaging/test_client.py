@@ -135,7 +135,7 @@ def test_the_client_alone_watches_the_demo_through_faults_and_reads_the_table(
     with pc.start(*watch, "--once") as process:
         before = proxy.faults["cut before"]
         write_renders(dict(files[6:]))
-        wait_until(lambda: proxy.faults["cut before"] > before, 60, "it asks while the service is away")
+        wait_until(lambda: proxy.faults["cut before"] > before, 120, "it asks while the service is away")
         proxy.away = False
         said, errors = process.communicate(timeout=600)
     assert process.returncode == 0, said + errors

@@ -31,7 +31,7 @@ def checkout(tmp_path: Path) -> Path:
 
 def compiles(checkout: Path) -> bool:
     said = subprocess.run(
-        ["make", "setup"], cwd=checkout, capture_output=True, text=True, check=True, timeout=60.0
+        ["make", "setup"], cwd=checkout, capture_output=True, text=True, check=True, timeout=240.0
     )
     return "app.jobs.warm_up" in said.stdout
 

@@ -31,12 +31,12 @@ def test_a_report_that_could_not_be_stored_is_made_when_there_is_room(
     no_room("put_back")
     address = f"/v1/sessions/{api.make_session()}/reports"
     report_id = api.client.post(address, json={"kind": "camera"}).json()["id"]
-    wait_until(lambda: "put_back" in refused, 20.0, "the report could be neither stored nor put back")
+    wait_until(lambda: "put_back" in refused, 120.0, "the report could be neither stored nor put back")
     assert refused == ["save_failure", "put_back"]
     monkeypatch.undo()
 
     api.service.report_maker.notify()  # as it does itself after a while
-    wait_until(lambda: _document(api, report_id)["status"] == "failed", 20.0, "the report is made again")
+    wait_until(lambda: _document(api, report_id)["status"] == "failed", 120.0, "the report is made again")
     assert _document(api, report_id)["failure"]["code"] == "template_invalid"
 
 

@@ -33,9 +33,9 @@ def test_the_service_writes_the_alert_file(open_api: Any, tmp_path: Path) -> Non
     path.parent.mkdir()
     with open_api(alert_file=path) as api:
         place = api.installation.settings.data_dir / "alert-file.place"
-        wait_until(place.exists, 20.0, "the file is begun")
+        wait_until(place.exists, 120.0, "the file is begun")
         put_notices(api, 3)
-        wait_until(lambda: path.exists() and len(numbers_in(path)) == 3, 20.0, "three lines are written")
+        wait_until(lambda: path.exists() and len(numbers_in(path)) == 3, 120.0, "three lines are written")
     document = json.loads(path.read_text("utf-8").splitlines()[0])
     assert set(document) == {"number", "id", "type", "timestamp", "data"}
 

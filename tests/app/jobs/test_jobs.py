@@ -191,6 +191,6 @@ def test_workers_die_with_a_head_that_was_killed_and_free_the_lock(api: Any, tmp
             pass
         head.kill()
         head.wait()
-    wait_until(lambda: not any(is_alive(pid) for pid in children), 60.0, "the head's processes end with it")
+    wait_until(lambda: not any(is_alive(pid) for pid in children), 120.0, "the head's processes end with it")
     with runner_of(api) as runner:
         assert runner.alive

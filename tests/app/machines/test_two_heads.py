@@ -113,14 +113,14 @@ def test_a_stream_hears_at_once_of_what_another_head_stores(heads: list[Api], gr
         with psycopg.connect(**connection, autocommit=True) as listener:
             listener.execute("LISTEN gridpose")
             listening.set()
-            for notification in listener.notifies(timeout=10.0, stop_after=1):
+            for notification in listener.notifies(timeout=120.0, stop_after=1):
                 if notification.payload == session_id:
                     heard.set()
 
     listening = threading.Event()
     thread = threading.Thread(target=listen)
     thread.start()
-    assert listening.wait(10.0)
+    assert listening.wait(120.0)
     one.put_image(session_id, grey_png)
     thread.join()
     assert heard.is_set()
@@ -199,12 +199,12 @@ def test_a_head_is_not_ready_while_the_store_is_away(
         assert ready.status_code == 200
         assert "bucket" in [check["name"] for check in ready.json()["checks"]]
         proxy.set("cut")
-        wait_until(lambda: head.client.get("/readyz").status_code == 503, 60.0, "not ready")
+        wait_until(lambda: head.client.get("/readyz").status_code == 503, 120.0, "not ready")
         away = head.client.get("/readyz").json()
         assert away["code"] == "not_ready"
         assert [error["field"] for error in away["errors"]] == ["bucket"]
         proxy.set("pass")
-        wait_until(lambda: head.client.get("/readyz").status_code == 200, 60.0, "ready again")
+        wait_until(lambda: head.client.get("/readyz").status_code == 200, 120.0, "ready again")
     store_of.cache_clear()
 
 
@@ -224,6 +224,6 @@ def test_images_wait_while_the_store_is_away(heads: list[Api], grey_png: bytes) 
                 records.scalar(sa.text("SELECT count(*) FROM procrastinate_jobs WHERE queue_name = 'images'"))
                 == 0
             ),
-            10.0,
+            120.0,
             "no job is left",
         )

@@ -51,7 +51,7 @@ def test_a_writer_waits_for_another_program(path: Path, write: Callable[[], None
         with pytest.raises(TimeoutError):
             writing.result(timeout=1.0)
         other.execute("ROLLBACK")
-        writing.result(timeout=10.0)
+        writing.result(timeout=60.0)
     other.close()
 
 
@@ -68,5 +68,5 @@ def test_whoever_waits_when_the_service_ends_waits_no_longer(
         database.patience.end_within(0.0)
         for one in writing:
             with pytest.raises(Unavailable):
-                one.result(timeout=5.0)
+                one.result(timeout=15.0)  # 20 s, had it its patience
     other.close()

@@ -111,7 +111,7 @@ def serve_api(
                 stack.enter_context(workers_lent(side_processes))
             with processes_lent(side_processes):
                 thread.start()
-                wait_until(lambda: server.started or not thread.is_alive(), 60.0, "the server listens")
+                wait_until(lambda: server.started or not thread.is_alive(), 120.0, "the server listens")
             assert thread.is_alive(), "the server ended"
             port = server.servers[0].sockets[0].getsockname()[1]
             try:

@@ -121,5 +121,5 @@ def test_a_client_that_goes_away_leaves_no_file(
     request += "Content-Type: application/octet-stream\r\nContent-Length: 9000000\r\n\r\n"
     with socket.create_connection(("127.0.0.1", port_of(head)), timeout=60) as connection:
         connection.sendall(request.encode() + bytes(3 << 20))
-        wait_until(lambda: len(originals(head)) == len(before) + 1, 60, "the upload is being received")
-    wait_until(lambda: originals(head) == before, 60, "nothing is left of it")
+        wait_until(lambda: len(originals(head)) == len(before) + 1, 120, "the upload is being received")
+    wait_until(lambda: originals(head) == before, 120, "nothing is left of it")

@@ -76,7 +76,7 @@ def test_nothing_is_lost_or_stored_twice_whenever_it_is_killed(cell: WatchedCell
             cell.write(f"P{number % 3}/c{number + 1}.png", small_image(number))
         with watching(cell) as process:
             stored = len(cell.proxy.stored)
-            wait_until(lambda before=stored: len(cell.proxy.stored) > before, 60, "an image is sent")
+            wait_until(lambda before=stored: len(cell.proxy.stored) > before, 120, "an image is sent")
             time.sleep(rng.uniform(0.0, 0.3))  # the moment of the kill: a test of any
             process.send_signal(signal.SIGKILL)
             process.wait()
@@ -90,13 +90,13 @@ def test_nothing_is_lost_or_stored_twice_whenever_it_is_killed(cell: WatchedCell
 def test_it_ends_in_order_and_says_so(cell: WatchedCell) -> None:
     with watching(cell) as process:
         cell.write("P1/1.png", small_image(1))
-        wait_until(lambda: cell.has(1), 60)
+        wait_until(lambda: cell.has(1), 120)
         with watching(cell) as second:
-            said, _ = second.communicate(timeout=60)
+            said, _ = second.communicate(timeout=120)
             assert second.returncode == 2
             assert "Another process watches" in said
         process.send_signal(signal.SIGTERM)
-        said, _ = process.communicate(timeout=30)
+        said, _ = process.communicate(timeout=120)
     assert process.returncode == 0
     assert "1 stored" in said
     state = json.loads((cell.root / "state.json").read_text())
@@ -108,12 +108,12 @@ def test_a_wrong_key_and_a_name_that_breaks_lines_are_said_in_one_line(cell: Wat
     os.close(os.open(os.fsencode(cell.folder / "P1") + b"/\xff2.png", os.O_CREAT | os.O_WRONLY))
     key, cell.key = cell.key, "gp_wrong_key"
     with watching(cell, "--once", "--retry-timeout", "0.5") as process:
-        said, _ = process.communicate(timeout=60)
+        said, _ = process.communicate(timeout=120)
     assert process.returncode == 1
     assert "refuses key or session" in said
     cell.key = key
     with watching(cell, "--once") as process:
-        said, _ = process.communicate(timeout=60)
+        said, _ = process.communicate(timeout=120)
     assert process.returncode == 1, "a file whose name is no text was not sent"
     assert "\x1b" not in said
     assert all(line[:2] == "20" or line.startswith("ses_") for line in said.splitlines()), said

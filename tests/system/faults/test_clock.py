@@ -31,11 +31,11 @@ def test_clock_steps(trial: Trial, tmp_path: Path, need: Callable[[str], None]) 
                 found: str = client.get(f"/v1/measurements/{slow}")["status"]
                 return found
 
-            wait_until(lambda: status() != "queued", 30, "the slow image is being computed")
+            wait_until(lambda: status() != "queued", 120, "the slow image is being computed")
             for step in (90, -3600, 86400):
                 trial.inject()
                 clock.step(step)
-            wait_until(lambda: status() in ("succeeded", "failed"), 60, "the slow image is done")
+            wait_until(lambda: status() in ("succeeded", "failed"), 120, "the slow image is done")
             found = client.get(f"/v1/measurements/{slow}")
             assert found["failure"]["code"] == "target_not_found"
             assert found["attempts"] == 1

@@ -85,7 +85,7 @@ def test_cut_uploads(trial: Trial, data_dir: Path) -> None:
             trial.inject()
             cut_upload(service.url, path, service.admin_key, data, reset=number % 2 == 0)
         trial.conclude()
-        wait_until(lambda: not _unfinished(data_dir), 30, "nothing is left of the cut uploads")
+        wait_until(lambda: not _unfinished(data_dir), 120, "nothing is left of the cut uploads")
         with trial.client() as client:
             assert client.get(f"/v1/sessions/{session_id}/measurements")["items"] == []
         assert service.starts == 1

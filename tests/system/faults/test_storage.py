@@ -101,7 +101,7 @@ def test_originals_that_cannot_be_deleted(trial: Trial, data_dir: Path) -> None:
             pytest.skip(f"this disk has no immutable files: {error.stderr!r}")
         service.restart()
         wait_until(
-            lambda: not any(file.exists() for file in files), 60, "no file of the deleted session is left"
+            lambda: not any(file.exists() for file in files), 120, "no file of the deleted session is left"
         )
         trial.conclude()
 

@@ -246,12 +246,12 @@ def test_worker_computes_what_a_head_without_workers_took_in(running: Running) -
         try:
             wait_until(
                 lambda: client.get(f"/v1/sessions/{session_id}")["counts"]["failed"] == 5,
-                60,
+                120,
                 "all done",
             )
         finally:
             worker.terminate()
-            _, said = worker.communicate(timeout=25)
+            _, said = worker.communicate(timeout=120)
     assert worker.returncode == 0, said
 
 

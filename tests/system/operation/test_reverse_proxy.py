@@ -87,12 +87,12 @@ def proxied(request: pytest.FixtureRequest, service: ServiceProcess, tmp_path: P
             return False
 
     try:
-        wait_until(answers, 30, f"{program} answers")
+        wait_until(answers, 120, f"{program} answers")
         yield Proxied(service, key, url, tls)
     finally:
         proxy.terminate()
         try:
-            proxy.wait(20)
+            proxy.wait(60)
         finally:
             proxy.kill()
             proxy.wait()
@@ -240,7 +240,7 @@ def assert_events_flow(proxied: Proxied, session_id: str, data: bytes) -> None:
 
     follower = threading.Thread(target=follow, daemon=True)
     follower.start()
-    assert first.wait(30), "the first event arrives while the stream is open"
+    assert first.wait(120), "the first event arrives while the stream is open"
     with proxied.client() as http:
         sent = http.put(
             f"/v1/sessions/{session_id}/poses/P1/images/{hashlib.sha256(data).hexdigest()}",
@@ -248,6 +248,6 @@ def assert_events_flow(proxied: Proxied, session_id: str, data: bytes) -> None:
             headers={"Content-Type": "application/octet-stream"},
         )
     assert sent.status_code == 202, sent.text
-    assert news.wait(30), "the upload's event arrives while the stream is open"
-    follower.join(30)
+    assert news.wait(120), "the upload's event arrives while the stream is open"
+    follower.join(120)
     assert not follower.is_alive()

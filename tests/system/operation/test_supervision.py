@@ -45,12 +45,12 @@ def test_the_service_is_ready_when_readyz_is_and_says_how_it_goes_on(
     settings = {"NOTIFY_SOCKET": systemd.getsockname(), "WATCHDOG_USEC": "1000000"}
     service = make_service(**settings).start(until_ready=False)
     key = {"Authorization": f"Bearer {service.admin_key}"}
-    early = httpx2.get(f"{service.url}/readyz", headers=key, timeout=30.0)
+    early = httpx2.get(f"{service.url}/readyz", headers=key, timeout=120.0)
     if early.status_code == 503:  # on any machine we know of
         assert "Starting: 0 of 1 worker processes are ready." in early.text
     while (said := message(systemd))[0] != "READY=1":
         assert said[0].startswith("EXTEND_TIMEOUT_USEC=")
-    ready = httpx2.get(f"{service.url}/readyz", timeout=30.0)
+    ready = httpx2.get(f"{service.url}/readyz", timeout=120.0)
     assert ready.status_code == 200, ready.text
     assert [message(systemd) for _ in range(3)] == [["WATCHDOG=1"]] * 3
     assert service.stop() == 0
@@ -102,7 +102,7 @@ def test_a_service_whose_descriptors_ran_short_computes_again(make_service: Make
     log = service.data_dir / "service.log"
     resource.prlimit(service.process.pid, resource.RLIMIT_NOFILE, (8, usual[1]))
     os.kill(worker, signal.SIGKILL)
-    wait_until(lambda: log.read_text().count("worker_not_started") >= 3, 60, "a worker was not started")
+    wait_until(lambda: log.read_text().count("worker_not_started") >= 3, 120, "a worker was not started")
     resource.prlimit(service.process.pid, resource.RLIMIT_NOFILE, usual)
     with ServiceClient(service.url, service.admin_key) as client:
         session_id = new_session(client)
@@ -113,5 +113,5 @@ def test_a_service_whose_descriptors_ran_short_computes_again(make_service: Make
             return bool(client.get(f"/v1/sessions/{session_id}")["counts"]["failed"] == 1)
 
         wait_until(finished, 120, "the image is computed")
-    assert httpx2.get(f"{service.url}/readyz", timeout=30.0).status_code == 200
+    assert httpx2.get(f"{service.url}/readyz", timeout=120.0).status_code == 200
     assert service.stop() == 0

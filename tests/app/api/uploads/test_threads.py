@@ -39,7 +39,7 @@ def test_no_more_threads_than_allowed_work_at_a_time() -> None:
         with lock:
             working += 1
             seen.append(working)
-        together.wait(20.0)  # all of them at once, or never
+        together.wait(120.0)  # all of them at once, or never
         with lock:
             working -= 1
         return number
@@ -57,12 +57,12 @@ def test_who_is_cancelled_waits_for_the_end_of_the_work() -> None:
 
     def work() -> None:
         begun.set()
-        may_end.wait(20.0)
+        may_end.wait(120.0)
         ended.set()
 
     async def ask() -> None:
         task = asyncio.create_task(UploadThreads().run(work))
-        await asyncio.to_thread(begun.wait, 20.0)
+        await asyncio.to_thread(begun.wait, 120.0)
         for _ in range(2):
             task.cancel()
             await asyncio.sleep(0)

@@ -45,7 +45,7 @@ def talk(conversation: Talk, app: ASGIApp = hello) -> bytes:
         async with server:
             reader, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
             try:
-                async with asyncio.timeout(30):
+                async with asyncio.timeout(120):
                     return await conversation(reader, writer)
             finally:
                 writer.transport.abort()

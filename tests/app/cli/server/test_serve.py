@@ -94,7 +94,7 @@ def test_a_signal_between_the_printed_address_and_the_server_s_loop_ends_the_ser
     environment = {**os.environ, "GRIDPOSE_DATA_DIR": str(tmp_path / "data"), "GRIDPOSE_WORKERS": "0"}
     environment["GRIDPOSE_DISK_FLOOR_BYTES"] = "0"
     ended = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, timeout=90, check=False
+        [sys.executable, "-c", program], env=environment, capture_output=True, timeout=240, check=False
     )
     assert ended.returncode == 0, ended.stderr
     assert b"  service " in ended.stdout
@@ -117,14 +117,14 @@ def test_a_server_notes_a_signal_without_a_lock_and_shuts_down_in_its_loop(empty
     server, listener = HttpServer(settings), listen(settings)
     running = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
     running.start()
-    wait_until(lambda: server.started or not running.is_alive(), 60.0, "the server listens")
+    wait_until(lambda: server.started or not running.is_alive(), 120.0, "the server listens")
     service = server._app.state.service
     handler = threading.Thread(target=server.handle_exit, args=(signal.SIGTERM, None), daemon=True)
     with service.delivery._sending._wake._cond:
         handler.start()
         handler.join(10.0)
         interrupted = handler.is_alive()
-    running.join(60.0)
+    running.join(120.0)
     assert not interrupted, "a signal handler waits for a lock"
     assert not running.is_alive()
     assert service.stopping
@@ -143,9 +143,9 @@ def test_clients_that_do_not_read_are_left_at_the_end_without_a_failure(
         client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
         client.connect(listener.getsockname())
         client.sendall(b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n" * 40)
-        wait_until(lambda: any(one.flow.write_paused for one in _connections(server)), 30, "an answer waits")
+        wait_until(lambda: any(one.flow.write_paused for one in _connections(server)), 120, "an answer waits")
         server.should_exit = True
-        serving.join(20)
+        serving.join(120)
     assert not serving.is_alive()
     assert [record.message for record in caplog.records if record.levelname == "ERROR"] == []
 

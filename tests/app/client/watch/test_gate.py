@@ -63,10 +63,10 @@ def test_a_service_that_stores_nothing_is_said_once_and_asked_ever_more_rarely(c
     with cell.watching(longest_pause_s=0.8):
         cell.write("P1/1.png", small_image(1))
         cell.write("P1/2.png", small_image(2))
-        wait_until(lambda: asked["PUT"] >= 7, 60, "uploads are tried again")
+        wait_until(lambda: asked["PUT"] >= 7, 120, "uploads are tried again")
         assert asked["POST"] >= 4, "what is cheap passes meanwhile"
         full[0] = False
-        wait_until(lambda: cell.has(2), 60)
+        wait_until(lambda: cell.has(2), 120)
     assert sum("away" in line for line in cell.lines[:-1]) == 1, cell.lines
     assert sum("answers again" in line for line in cell.lines) == 1
     cell.assert_each_image_is_stored_once()

@@ -46,13 +46,13 @@ def test_results_do_not_wait_for_the_next_view(tmp_path: Path) -> None:
 
     (images / "1.png").write_bytes(small_image(1))
     thread.start()
-    wait_until(lambda: service.asked == 1, 30, "the next view is asked for")
+    wait_until(lambda: service.asked == 1, 120, "the next view is asked for")
     for number in range(2, 6):
         (images / f"{number}.png").write_bytes(small_image(number))
-    wait_until(lambda: shown() == 5, 30, "results are printed while the answer is awaited")
+    wait_until(lambda: shown() == 5, 120, "results are printed while the answer is awaited")
     assert service.asked == 1
     service.release.set()
-    wait_until(lambda: service.asked == 2, 30, "the next view is asked for again")
+    wait_until(lambda: service.asked == 2, 120, "the next view is asked for again")
     stop.set()
     thread.join(30.0)
     journal.close()

@@ -39,12 +39,12 @@ def test_a_deleted_session_is_made_again_by_its_name_while_watching(
     cell.write("P1/1.png", small_image(1))
     cell.write("poses.csv", b"pose_id,x_mm,y_mm,z_mm\nP1,1,2,3\n")
     with cell.watching(session=name, target=target_of(cell)):
-        wait_until(lambda: cell.has(1), 30)
+        wait_until(lambda: cell.has(1), 120)
         cell.direct.delete(f"/v1/sessions/{first}")
         cell.write("P1/2.png", small_image(2))
-        wait_until(lambda: named(cell, name) not in (None, first) and cell.has(2), 30)
+        wait_until(lambda: named(cell, name) not in (None, first) and cell.has(2), 120)
         pose = f"/v1/sessions/{cell.session_id}/poses/P1"
-        wait_until(lambda: cell.direct.get(pose)["position_mm"] is not None, 30)
+        wait_until(lambda: cell.direct.get(pose)["position_mm"] is not None, 120)
     assert sum(f"no longer has session {first}" in line for line in cell.lines) == 1, cell.lines
     assert not any("refuses" in line for line in cell.lines)
     stored = len(cell.lines)
@@ -63,9 +63,9 @@ def test_a_session_that_was_deleted_between_runs_is_found_by_its_name(
     with pytest.raises(CannotBegin, match="session_not_found"):
         cell.watch(session=name)
     with cell.watching(session=name):
-        wait_until(lambda: any("No session has" in line for line in cell.lines), 30)
+        wait_until(lambda: any("No session has" in line for line in cell.lines), 120)
         cell.direct.create("/v1/sessions", {"name": name, "target_ids": [target]})
-        wait_until(lambda: named(cell, name) is not None and cell.has(1), 30)
+        wait_until(lambda: named(cell, name) is not None and cell.has(1), 120)
     assert cell.session_id != first
 
 

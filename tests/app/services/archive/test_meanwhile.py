@@ -52,7 +52,7 @@ def test_restores_that_begin_at_once_leave_each_other_their_folders(
     monkeypatch.setattr(FileLock, "acquire", slowly)
     with ThreadPoolExecutor(1) as elsewhere:
         first = elsewhere.submit(restore_session, other, archive)
-        assert made.wait(30.0)
+        assert made.wait(120.0)
         outcomes = [_outcome(partial(restore_session, other, archive)), _outcome(first.result)]
     assert sorted(outcomes) == ["restored", "session_present"]
 
