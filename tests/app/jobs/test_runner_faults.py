@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from app.records.file_lock import AlreadyLocked
 from app.records.presence import ADVISORY_LOCK
 from app.services.health import HealthWatch
 from tests.support.environment.processes import OwnWorkers
+from tests.support.jobs.computations import start_after
 from tests.support.jobs.runners import queue_images, runner_of
 from tests.support.service.service import wait_until
 
@@ -75,19 +77,23 @@ def test_computing_goes_on_after_descriptors_ran_short(
 
 
 @pytest.mark.slow
-def test_workers_that_live_and_are_ready_are_counted(api: Any, own_workers: OwnWorkers) -> None:
+def test_workers_that_live_and_are_ready_are_counted(
+    api: Any, own_workers: OwnWorkers, tmp_path: Path
+) -> None:
     def check() -> tuple[bool, str]:
         health = asyncio.run(HealthWatch(api.installation, runner).look())[-1]
         assert health.name == "runner"
         return health.ok, health.detail
 
-    with runner_of(api, workers=2) as runner:
+    gate = tmp_path / "gate"  # a look at the database may take longer than a worker's start
+    with runner_of(api, workers=2, initialise=partial(start_after, str(gate))) as runner:
         ok, detail = check()
         assert not ok
         assert detail in (
             "Starting: 0 of 2 worker processes are ready.",
             "The embedded runner has stopped.",
         )
+        gate.touch()
         wait_until(lambda: runner.state.ready == 2)
         assert check() == (True, "Running with 2 of 2 worker processes.")
         first, second = own_workers()
@@ -152,7 +158,7 @@ def test_a_runner_whose_round_does_not_end_is_not_able(api: Any) -> None:
             answered.wait(SECONDS)
             return super().claim(limit)
 
-    with runner_of(api, SilentQueue(api.installation.database), max_round_s=1.0) as runner:
+    with runner_of(api, SilentQueue(api.installation.database), max_round_s=3.0) as runner:
         assert runner.state.able
         wait_until(lambda: not runner.state.able)
         assert not runner.given_up

@@ -43,3 +43,10 @@ def start_without_warm_up(max_image_pixels: int, tied_to_thread: bool) -> None:
     """Initialise a worker that measures no image: all of `start_worker` but its first image, which takes seconds."""
     worker_init.end_with_parent(use_death_signal=tied_to_thread)
     worker_init.prepare_environment(max_image_pixels)
+
+
+def start_after(gate: str, max_image_pixels: int, tied_to_thread: bool) -> None:
+    """Initialise a worker that is not ready before the file `gate` is there."""
+    while not Path(gate).exists():
+        time.sleep(0.01)
+    start_without_warm_up(max_image_pixels, tied_to_thread)

@@ -20,12 +20,13 @@ from tests.support.service.service import Api
 def runner_of(api: Api, queue: Any = None, **options: Any) -> Iterator[JobRunner]:
     """A runner with one worker process on the application's queue, or on `queue`.
 
-    Its workers calibrate no image before they are ready unless they compute what the product computes.
+    Its workers calibrate no image before they are ready unless they compute what the product computes or `initialise`
+    says otherwise.
     """
     installation = api.installation
     values: dict[str, Any] = {"workers": 1, "timeout_s": 60.0, "compute": compute_by_name, **options}
     if values["compute"] is compute_by_name:
-        values["initialise"] = start_without_warm_up
+        values.setdefault("initialise", start_without_warm_up)
     runner = JobRunner(
         queue or installation.queue,
         installation.blobs,
