@@ -81,7 +81,7 @@ class Api:
         """Headers that hold a new key with this scope."""
         return {"Authorization": f"Bearer {create_key(self.installation, scope, scope, **limits).secret_key}"}
 
-    def wait_for(self, measurement_id: str, within_s: float = 120.0) -> dict[str, Any]:
+    def wait_for(self, measurement_id: str, within_s: float = 300.0) -> dict[str, Any]:
         """Return a measurement once it is finished."""
         wait_until(lambda: self._is_finished(measurement_id), within_s, "the measurement is finished")
         return self.measurement(measurement_id)
@@ -123,7 +123,7 @@ def assert_problem(response: Any, status: int, code: str | None = None) -> dict[
     return problem
 
 
-def wait_until(condition: Callable[[], bool], within_s: float = 120.0, what: str = "the condition") -> None:
+def wait_until(condition: Callable[[], bool], within_s: float = 300.0, what: str = "the condition") -> None:
     """Return once a condition holds; fail with its name when it does not in time.
 
     The longer a condition takes, as a request to a service does, the less often it is looked at.
