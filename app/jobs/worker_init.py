@@ -78,11 +78,22 @@ def start_thumbnails(max_image_pixels: int, tied_to_thread: bool) -> None:
     """Initialise a worker that draws thumbnails: as `start_drawing`, and after all others where processors are short.
 
     A page that shows images as they come asks for as many thumbnails as are measured, and each takes half of what its
-    measurement takes.
+    measurement takes. A first one loads what all of them need before that: on a busy machine this second would be a
+    minute, and count as the time that one thumbnail may take.
     """
+    start_drawing(max_image_pixels, tied_to_thread)
+
+    import cv2
+    import numpy as np
+
+    from app.reports.overlay import THUMBNAIL_PX, draw_thumbnail
+    from core.image import decode_preview
+
+    _, encoded = cv2.imencode(".png", np.zeros((8, 8), np.uint8))
+    first = decode_preview(encoded.tobytes(), longest_side_px=THUMBNAIL_PX, max_pixels=64)
+    draw_thumbnail(first.grey)
     if hasattr(os, "nice"):
         os.nice(THUMBNAIL_NICENESS)
-    start_drawing(max_image_pixels, tied_to_thread)
 
 
 def keep_freed_memory() -> None:
