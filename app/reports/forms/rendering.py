@@ -139,7 +139,8 @@ def _head(document: Mapping[str, Any], template: CompanyTemplate, json_sha256: s
     return {
         "id": document["report_id"],
         "title": document["title"],
-        "subtitle": f"{subtitle} · {document['subject']['session']['name']} · {document['made_at'][:10]}",
+        "subtitle": f"{subtitle} · {document['subject']['session']['name']}",
+        "made_on": document["made_at"][:10],
         "organisation": template.organisation or "",
         "address": list(template.address),
         "footer": template.footer,

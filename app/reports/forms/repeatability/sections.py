@@ -68,9 +68,10 @@ def _result(found: Json, level: str) -> list[Block]:
     if known:
         worst = max(known, key=lambda pose: pose["repeatability"]["rp_l_mm"])
         reading, interval = worst["repeatability"]["rp_l_mm"], worst["interval"]["rp_l_mm"]
+        floor_mm = worst["noise_floor"]["rp_l_mm"]
         rows = [
             ("largest RP_l", _at_pose(reading, interval, worst["pose_id"], level)),
-            ("its noise floor", f"{of_its_own_size(worst['noise_floor']['rp_l_mm'])} mm"),
+            ("its noise floor", "not known" if floor_mm is None else f"{of_its_own_size(floor_mm)} mm"),
             ("its verdict", f"{words(worst['verdict'])}. {VERDICTS[worst['verdict']]}"),
             *without_outliers_fact(worst),
         ]
