@@ -212,15 +212,15 @@ def rounded_by_interval(value: float | None, bounds: Sequence[float] | None) -> 
 
 
 def shown_change(
-    earlier: float, later: float, difference: float, bounds: Sequence[float]
+    earlier: float, later: float, difference: float, bounds: Sequence[float], *, as_ratio: bool = False
 ) -> tuple[str, str, str]:
     """Return two values and their difference, to the digits that its 95 % interval supports, and so many more that what
-    is shown of the values differs by what is shown of the difference.
+    is shown of the values differs by what is shown of the difference; not where their ratio is shown in its place.
     """
     decimals = decimals_of((bounds[1] - bounds[0]) / 4.0)
     if decimals is None:
         return number(earlier), number(later), number(difference)
-    for more in range(MAX_MORE_DIGITS + 1):
+    for more in range(0 if as_ratio else MAX_MORE_DIGITS + 1):
         rounded = [round(value, decimals + more) for value in (earlier, later, difference)]
         if abs(rounded[1] - rounded[0] - rounded[2]) < 0.1 * 10.0 ** -(decimals + more):
             decimals += more

@@ -110,6 +110,7 @@ def detail_of(request: Request, report_id: str) -> dict[str, Any]:
             "forms": {one.form: one for one in detail.forms},
             "signing_key": signing_key_of(detail.report),
             "session": session,
+            "session_id": session.id if session is not None else None,
         }
 
 

@@ -1,5 +1,5 @@
-"""A company's template: what is right is taken, what is not is named by file and field; and the fonts of its computer,
-where those of the PDF lack a letter.
+"""A company's template: what is right is taken, what is not is named by file and field; the fonts of its computer,
+where those of the PDF lack a letter; and names that are long or read from right to left.
 """
 
 from __future__ import annotations
@@ -7,6 +7,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import pypdfium2
 import pytest
 from fontTools.fontBuilder import FontBuilder
 from fontTools.pens.ttGlyphPen import TTGlyphPen
@@ -108,3 +109,41 @@ def _font_of(letter: str, path: Path, family: str) -> None:
     font.setupOS2(sTypoAscender=800, usWinAscent=800, usWinDescent=200)
     font.setupPost()
     font.save(path)
+
+
+def test_no_name_without_spaces_leaves_the_page_or_covers_another_text() -> None:
+    document = archived_report("repeatability")
+    long_name = "Ω" * 90 + "x" * 110
+    document["title"] = f"Session {long_name}"
+    document["subject"]["session"]["name"] = long_name
+    document["inputs"]["robot"] = {**(document["inputs"]["robot"] or {}), "serial_number": "S" * 100}
+    pdf = pypdfium2.PdfDocument(render_forms(document, {}, CompanyTemplate())["pdf"])
+    for page in pdf:
+        letters = page.get_textpage()
+        boxes = [letters.get_charbox(k) for k in range(letters.count_chars())]
+        assert max(right for _, _, right, _ in boxes) < page.get_width() - mm(17.0)
+        (at, count) = letters.search(document["report_id"]).get_next()
+        left, low = boxes[at][0], boxes[at][1]
+        rest = [box for box in boxes[:at] + boxes[at + count :] if box[2] > box[0]]
+        assert not [box for box in rest if box[2] > left and box[1] < low + mm(2.0) and box[3] > low]
+
+
+def mm(length: float) -> float:
+    """Return a length in points."""
+    return length * 72.0 / 25.4
+
+
+def test_the_date_of_a_report_does_not_turn_round_after_a_name_from_right_to_left() -> None:
+    document = archived_report("repeatability")
+    document["subject"]["session"]["name"] = "خلية"
+    page = pypdfium2.PdfDocument(render_forms(document, {}, CompanyTemplate())["pdf"])[0]
+    head = page.get_textpage().get_text_range().partition("Subject")[0]
+    assert document["made_at"][:10] in head
+
+
+def test_a_floor_that_is_not_known_has_no_unit() -> None:
+    document = archived_report("repeatability")
+    for pose in document["analyses"]["repeatability"]["poses"]:
+        pose["noise_floor"] = dict.fromkeys(pose["noise_floor"])
+    text = render_forms(document, {}, CompanyTemplate())["html"].decode()
+    assert "<dt>its noise floor</dt><dd>not known</dd>" in text

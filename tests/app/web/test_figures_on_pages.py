@@ -51,6 +51,9 @@ def test_values_have_the_digits_that_their_uncertainty_supports() -> None:
     # What is shown of the difference is that of what is shown.
     assert shown_change(427.75, 427.73, -0.02, [-2.6, 2.5]) == ("427.75", "427.73", "−0.02")
     assert shown_change(0.12345, 0.2, 0.07655, [0.05, 0.1]) == ("0.123", "0.200", "0.077")
+    assert shown_change(0.2117, 0.1963, -0.0154, [-0.12, 0.09])[:2] == ("0.2117", "0.1963")
+    ratio = shown_change(0.2117, 0.1963, -0.0154, [-0.12, 0.09], as_ratio=True)
+    assert ratio[:2] == ("0.212", "0.196"), "no difference is shown that the digits must agree with"
     assert shown_change(1.0, 2.0, 1.0, [1.0, 1.0]) == ("1.00", "2.00", "1.00")
     assert interval([-0.0004, 0.1951]) == "[0.000, 0.195]"
     assert interval(None) == "–"

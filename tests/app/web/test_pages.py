@@ -233,6 +233,7 @@ def test_reports_are_listed_newest_first_and_say_why_one_could_not_be_made(api: 
     failed = page(f"reports/{first.id}")
     assert "No image &lt;counts&gt;." in failed
     assert "Upload some." in failed
+    assert f'href="/ui/sessions/{session_id}?state=failed">See the refused images' in failed
     assert "Does it still agree?" not in failed
     verified = page(f"reports/{second.id}/verification")
     assert "waits to be made" in verified, "what is not made cannot be verified, and its page says so"

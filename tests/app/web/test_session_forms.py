@@ -27,13 +27,15 @@ def ticked(text: str) -> list[str]:
 
 def test_a_change_shows_lens_and_conditions_as_they_are_stated(api: Any) -> None:
     lens = {"focal_length_mm": 8.0, "pixel_pitch_um": 3.45}
-    conditions = {"temperature_c": 0.0, "load_kg": 3.2, "operator": "<A> & B"}
+    conditions = {"temperature_c": 0.0, "load_kg": 3.2, "operator": "<A> & B", "notes": "after <oil>"}
     stated, bare = api.make_session(lens=lens, conditions=conditions), api.make_session()
     assert values(page(api, f"{stated}/change")) == {
         **{"lens.focal_length_mm": "8", "lens.pixel_pitch_um": "3.45"},
         **{"conditions.temperature_c": "0", "conditions.load_kg": "3.2", "conditions.speed_percent": ""},
-        **{"conditions.warm_up_min": "", "conditions.operator": "&lt;A&gt; &amp; B", "conditions.notes": ""},
+        **{"conditions.warm_up_min": "", "conditions.operator": "&lt;A&gt; &amp; B"},
+        "conditions.notes": "after &lt;oil&gt;",
     }
+    assert "<dt>Notes</dt><dd><bdi>after &lt;oil&gt;</bdi>" in page(api, stated)
     empty = values(page(api, f"{bare}/change"))
     assert set(empty.values()) == {""}
     assert values(page(api, "new")) == empty
