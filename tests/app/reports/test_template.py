@@ -12,7 +12,15 @@ import pytest
 from fontTools.fontBuilder import FontBuilder
 from fontTools.pens.ttGlyphPen import TTGlyphPen
 
-from app.reports.forms import CompanyTemplate, RenderingFailed, TemplateInvalid, read_template, render_forms
+from app.reports.forms import (
+    CompanyTemplate,
+    RenderingFailed,
+    TemplateInvalid,
+    read_template,
+    render_forms,
+    rendering,
+)
+from app.reports.forms.missing_letters import FONTS_OF_COMPUTERS
 from tests.support.sessions.archived_reports import archived_report, pdf_text
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9">{}</svg>'
@@ -72,7 +80,9 @@ def test_letters_that_only_a_font_of_the_computer_has_are_drawn_with_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "fonts").mkdir()
-    _font_of("\u0378", tmp_path / "fonts" / "one.ttf", "Noto Sans CJK SC")
+    # A family that no computer has: one that has it would draw with its own.
+    monkeypatch.setattr(rendering, "FONTS_OF_COMPUTERS", (*FONTS_OF_COMPUTERS, "Known"))
+    _font_of("\u0378", tmp_path / "fonts" / "one.ttf", "Known")
     _font_of("\u0379", tmp_path / "fonts" / "other.ttf", "Unknown")
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     document = archived_report("repeatability")
