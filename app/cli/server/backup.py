@@ -14,10 +14,11 @@ from app.cli.context import data_failures, load_settings, print_location
 from app.cli.options.data_folder import DataDir
 from app.cli.sizes import megabytes
 from app.client.commands import error_console
-from app.records.tables import ApiKey
+from app.records.tables import ApiKey, Webhook
 from app.services.backup import make_backup, restore_backup
 from app.services.installation.context import ServiceContext
 from app.services.keys import keys_in_force
+from app.services.notices import MAX_WEBHOOKS, list_webhooks
 
 _MAX_LISTED = 20
 
@@ -72,6 +73,9 @@ def restore(
     revoke_keys: Annotated[
         bool, typer.Option("--revoke-keys", help="Revoke every key that was valid at that moment.")
     ] = False,
+    delete_webhooks: Annotated[
+        bool, typer.Option("--delete-webhooks", help="Delete every webhook: for a copy to try things with.")
+    ] = False,
 ) -> int:
     """Restore a backup into an empty data folder and an empty database.
 
@@ -81,11 +85,17 @@ def restore(
     print_location(settings)
     with data_failures(settings):
         manifest, damaged = restore_backup(
-            folder, settings, accept_damage=accept_damage, revoke_keys=revoke_keys
+            folder,
+            settings,
+            accept_damage=accept_damage,
+            revoke_keys=revoke_keys,
+            delete_webhooks=delete_webhooks,
         )
         installation = ServiceContext.open(settings, init=False, migrate=False)
         try:
             keys = keys_in_force(installation)
+            with installation.database.read() as records:
+                webhooks, _ = list_webhooks(records, limit=MAX_WEBHOOKS, cursor=None)
         finally:
             installation.close()
     print(f"Installation {manifest.installation_id} is restored as of {manifest.created_at}")
@@ -93,8 +103,11 @@ def restore(
     print(f"  originals  {manifest.originals - len(damaged)}, each verified")
     if revoke_keys:
         print("  keys       all revoked; `gridpose keys create NAME --scope admin` creates one")
+    if delete_webhooks:
+        print("  webhooks   all deleted; nobody is sent anything")
     print("  next       gridpose serve, with this data folder and database")
     _list_keys(keys)
+    _list_webhooks(webhooks)
     lost = [*manifest.missing, *manifest.corrupt]
     _list("missing or damaged in the installation when the backup was made", lost)
     _list("damaged in the backup", damaged)
@@ -125,3 +138,14 @@ def _list_keys(keys: Sequence[ApiKey]) -> None:
         "A key that was revoked since then is valid again: `gridpose keys revoke ID` before you start the service. "
         "--revoke-keys revokes all keys of a restored backup."
     )
+
+
+def _list_webhooks(webhooks: Sequence[Webhook]) -> None:
+    """List the receivers that a restored service sends to, as the one that was backed up may still do."""
+    if not webhooks:
+        return
+    console = error_console()
+    console.print(f"[yellow]{len(webhooks)} webhooks are sent what waited for them and what happens here:[/]")
+    for webhook in webhooks:
+        console.print(f"  {webhook.id}  {escape(webhook.name)}  {escape(webhook.url)}")
+    console.print("Where this is a copy to try things with, restore it with --delete-webhooks.")

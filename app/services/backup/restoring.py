@@ -10,11 +10,12 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 import sqlalchemy as sa
+from sqlalchemy import orm
 
 from app.blobs.durable import sync_folder, write_durably
 from app.blobs.local import original_path
@@ -36,6 +37,7 @@ from app.services.installation.binding import (
     sqlite_path,
 )
 from app.services.installation.identity import Identity, write_identity
+from app.services.notices import delete_all_webhooks
 from app.settings import Settings
 
 _NO_CONTENT = OF_THE_FILE_SYSTEM | {"head.lock", "runner.lock", "migrate.lock"}
@@ -50,13 +52,21 @@ _SHOWN = 10
 
 
 def restore_backup(
-    folder: Path, settings: Settings, *, accept_damage: bool = False, revoke_keys: bool = False
+    folder: Path,
+    settings: Settings,
+    *,
+    accept_damage: bool = False,
+    revoke_keys: bool = False,
+    delete_webhooks: bool = False,
 ) -> tuple[Manifest, list[str]]:
     """Make the data folder and the database of `settings` what they were at the moment of the backup in `folder`.
 
-    Every file is verified against its hash. With `revoke_keys` no key of that moment is valid. Return the backup's
-    manifest and the hashes of damaged originals, an empty list without `accept_damage`. Raises BackupRefused.
+    Every file is verified against its hash. With `revoke_keys` no key of that moment is valid, with `delete_webhooks`
+    nobody is sent anything. Return the backup's manifest and the hashes of damaged originals, an empty list without
+    `accept_damage`. Raises BackupRefused.
     """
+    changes = {"revoke_keys": revoke_all_keys} if revoke_keys else {}
+    changes |= {"delete_webhooks": delete_all_webhooks} if delete_webhooks else {}
     manifest = read_manifest(folder)
     if manifest is None:
         raise BackupRefused(
@@ -73,9 +83,7 @@ def restore_backup(
             _require_empty(settings, database, manifest)
             _remove_unfinished(settings.data_dir)
             _require_room(settings, manifest)
-            damaged = _restore(
-                folder, settings, database, manifest, accept_damage=accept_damage, revoke_keys=revoke_keys
-            )
+            damaged = _restore(folder, settings, database, manifest, changes, accept_damage=accept_damage)
             return manifest, damaged
     finally:
         if database is not None:
@@ -87,9 +95,9 @@ def _restore(
     settings: Settings,
     database: Database | None,
     manifest: Manifest,
+    changes: Mapping[str, Callable[[orm.Session], list[str]]],
     *,
     accept_damage: bool,
-    revoke_keys: bool,
 ) -> list[str]:
     data_dir = settings.data_dir
     marker = {"installation_id": manifest.installation_id, "database_sha256": manifest.database_sha256}
@@ -117,8 +125,8 @@ def _restore(
             )
         if database is not None:
             _fill(database, copy, data_dir)
-        if revoke_keys:
-            _revoke_keys(database or copy)
+        for action, change in changes.items():
+            _change(database or copy, action, change)
     finally:
         copy.dispose()
     target = sqlite_path(settings)
@@ -147,10 +155,10 @@ def _fill(database: Database, copy: Database, data_dir: Path) -> None:
             copy_rows(records.connection(), target)
 
 
-def _revoke_keys(database: Database) -> None:
-    activity = Activity(actor="cli", action="revoke_keys")
+def _change(database: Database, action: str, change: Callable[[orm.Session], list[str]]) -> None:
+    activity = Activity(actor="cli", action=action)
     with acting(activity), database.write() as records:
-        activity.object_ids += revoke_all_keys(records)
+        activity.object_ids += change(records)
         activity.audited = bool(activity.object_ids)
 
 
@@ -206,16 +214,13 @@ def _require_empty(settings: Settings, database: Database | None, manifest: Mani
         if path.name not in _NO_CONTENT and not path.name.startswith(f"{RESTORING}.")
     )
     if found and not resumed:
-        raise BackupRefused(
-            "restore_not_empty",
+        raise _not_empty(
             f"{settings.data_dir} is not empty: {', '.join(found[:_SHOWN])}.",
             "Name a new or an empty folder with --data-dir.",
         )
     file = sqlite_path(settings)
     if file is not None and file.exists() and not resumed:
-        raise BackupRefused(
-            "restore_not_empty", f"The database {file} is there already.", "Move it away, or name another."
-        )
+        raise _not_empty(f"The database {file} is there already.", "Move it away, or name another.")
     if database is None:
         return
     with database.engine.connect() as connection:
@@ -224,8 +229,7 @@ def _require_empty(settings: Settings, database: Database | None, manifest: Mani
         if resumed and "installation" in rows:
             own = connection.scalar(sa.select(Installation.id))
     if rows and own != manifest.installation_id:
-        raise BackupRefused(
-            "restore_not_empty",
+        raise _not_empty(
             f"The database is not empty: {', '.join(sorted(rows)[:_SHOWN])} have rows.",
             "Name an empty database with GRIDPOSE_DATABASE_URL.",
         )
@@ -237,8 +241,7 @@ def _is_resumed(data_dir: Path, manifest: Manifest) -> bool:
     except FileNotFoundError:
         return False
     if marker.get("database_sha256") != manifest.database_sha256:
-        raise BackupRefused(
-            "restore_not_empty",
+        raise _not_empty(
             f"A restore of another backup into {data_dir} was interrupted.",
             "Restore that one again, or empty the folder.",
         )
@@ -291,3 +294,7 @@ def _alone(settings: Settings, database: Database | None) -> Iterator[None]:
 
 def _damaged(what: str, advice: str = "Use another backup.") -> BackupRefused:
     return BackupRefused("backup_damaged", f"The backup is damaged: {what}.", advice)
+
+
+def _not_empty(what: str, advice: str) -> BackupRefused:
+    return BackupRefused("restore_not_empty", what, advice)

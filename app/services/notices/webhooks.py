@@ -88,6 +88,11 @@ def delete_webhook(records: orm.Session, webhook_id: str) -> None:
     records.delete(get_or_raise(records, Webhook, webhook_id))
 
 
+def delete_all_webhooks(records: orm.Session) -> list[str]:
+    """Delete every webhook with its journal, and return their ids."""
+    return sorted(records.scalars(sa.delete(Webhook).returning(Webhook.id)))
+
+
 def test_webhook(records: orm.Session, webhook_id: str) -> WebhookDelivery:
     """Queue a notice for this webhook alone, whatever its types. Raises NotFound, Conflict where too many wait."""
     webhook = get_or_raise(records, Webhook, webhook_id, lock=True)

@@ -218,6 +218,31 @@ def test_keys_that_are_valid_again_are_named_or_revoked(
     installation.close()
 
 
+@pytest.mark.parametrize("delete", [False, True])
+def test_webhooks_that_are_called_again_are_named_or_deleted(
+    any_api: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], delete: bool
+) -> None:
+    webhook = {"name": "MES", "url": "https://plant.example/hook", "types": ["report.ready"]}
+    made = any_api.client.post("/v1/webhooks", json=webhook).raise_for_status().json()
+    any_api.client.post(f"/v1/webhooks/{made['id']}/test").raise_for_status()
+    make_backup(any_api.installation, tmp_path / "backup")
+    assert restore(tmp_path / "backup", tmp_path / "restored", delete_webhooks=delete) == 0
+    said = capsys.readouterr()
+    installation = ServiceContext.open(Settings(data_dir=tmp_path / "restored", workers=0), init=False)
+    left = content(installation.database)
+    assert bool(left["webhooks"]) is bool(left["webhook_deliveries"]) is not delete
+    if delete:
+        with installation.database.read() as records:
+            entries = list_entries(records, limit=500, cursor=None)[0]
+        (entry,) = [entry for entry in entries if entry.action == "delete_webhooks"]
+        assert entry.object_ids == [made["id"]]
+        assert "all deleted" in said.out
+    else:
+        assert "https://plant.example/hook" in said.err
+        assert "--delete-webhooks" in said.err
+    installation.close()
+
+
 def test_a_disk_of_its_own_is_an_empty_folder(api: Any, tmp_path: Path) -> None:
     for name in ("backups", "data"):
         (tmp_path / name / "lost+found").mkdir(parents=True)
