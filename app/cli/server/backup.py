@@ -131,7 +131,7 @@ def _list_keys(keys: Sequence[ApiKey]) -> None:
     if not keys:
         return
     console = error_console()
-    console.print(f"[yellow]{len(keys)} keys are valid, as they were when the backup was made:[/]")
+    console.print("[yellow]Keys that are valid, as they were when the backup was made:[/]")
     for key in keys:
         console.print(f"  {key.id}  {key.scope}  {escape(key.name)}")
     console.print(
@@ -145,7 +145,7 @@ def _list_webhooks(webhooks: Sequence[Webhook]) -> None:
     if not webhooks:
         return
     console = error_console()
-    console.print(f"[yellow]{len(webhooks)} webhooks are sent what waited for them and what happens here:[/]")
+    console.print("[yellow]Webhooks, which are sent what waited for them and what happens here:[/]")
     for webhook in webhooks:
         console.print(f"  {webhook.id}  {escape(webhook.name)}  {escape(webhook.url)}")
     console.print("Where this is a copy to try things with, restore it with --delete-webhooks.")
