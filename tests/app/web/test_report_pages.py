@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from app.analyses.history import summarise_reports
 from app.services.reports import NewReport, order_report
 from app.web.pages import environment
 from app.web.routes.histories import supported
 from tests.support.service.signed_in import signed_in
+from tests.support.sessions.filed_reports import content, joint_content, store_filed
 
 
 def test_a_comparison_of_none_leads_back_to_the_list_with_a_sentence(api: Any) -> None:
@@ -119,3 +121,17 @@ def test_a_history_has_the_digits_that_its_points_or_limits_support() -> None:
     assert supported(series, [{**series, "low": None, "high": None}]) is None
     charted = {**series, "limits": {"centre": 5.0, "low": 2.0, "high": 8.0}}
     assert supported(charted, []) == [3.0, 7.0], "two standard deviations, of limits of three"
+
+
+def test_a_history_has_a_column_of_the_data_sheet_where_figures_have_one(api: Any) -> None:
+    joint = {"a_mm": 180.0, "alpha_deg": -90.0, "d_mm": 400.0, "theta_offset_deg": 0.0}
+    robot = api.client.post("/v1/robots", json={"name": "KR", "joints": [joint] * 6}).json()["id"]
+    store_filed(api, [content(1, robot=robot), joint_content(2, robot=robot)])
+    while summarise_reports(api.installation.database):
+        pass
+    pages = [
+        api.client.get(f"/ui/robots/{robot}/history?kind={kind}", headers=signed_in(api)).text
+        for kind in ("repeatability", "kinematics")
+    ]
+    assert ["1 comparable session" in page for page in pages] == [True, True]
+    assert ["Last minus data sheet" in page for page in pages] == [False, True]

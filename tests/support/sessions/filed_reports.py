@@ -71,6 +71,17 @@ def content(number: int = 1, *, rp_mm: float = 0.05, poses: int = 3, **changes: 
     return json.dumps(document).encode()
 
 
+def joint_content(number: int = 1, **changes: Any) -> bytes:
+    """The JSON form of a report on kinematics: a_mm of joint 2, half a millimetre from the data sheet."""
+    joint = {
+        **dict.fromkeys(("alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")),
+        **{"joint": 2, "a_mm": 600.5, "nominal": {"a_mm": 600.0}},
+        **{"identifiable": {"a_mm": True}, "standard_uncertainty": {"a_mm": 0.1}},
+    }
+    document = json.loads(content(number, **changes))
+    return json.dumps({**document, "kind": "kinematics", "analyses": {"dh": {"joints": [joint]}}}).encode()
+
+
 def filed(number: int = 1, **changes: Any) -> Summary:
     """What is read of it."""
     return read_report(content(number, **changes))

@@ -28,7 +28,7 @@ from app.analyses.history import (
 )
 from app.records.ids import least_id
 from core.metrology import estimate_difference
-from tests.support.sessions.filed_reports import FIRST, content, day, filed
+from tests.support.sessions.filed_reports import FIRST, content, day, filed, joint_content
 
 
 def test_the_format_is_that_of_reports() -> None:
@@ -253,13 +253,6 @@ def test_events_restart_charts_where_they_say_so() -> None:
 
 
 def test_a_parameter_has_its_deviation_from_the_data_sheet() -> None:
-    document = json.loads(content())
-    joint = {
-        **dict.fromkeys(("alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")),
-        **{"joint": 2, "a_mm": 600.5, "nominal": {"a_mm": 600.0}},
-        **{"identifiable": {"a_mm": True}, "standard_uncertainty": {"a_mm": 0.1}},
-    }
-    document["analyses"] = {"dh": {"joints": [joint]}}
-    figure = read_report(json.dumps(document).encode()).figures["joint 2", "a_mm"]
+    figure = read_report(joint_content()).figures["joint 2", "a_mm"]
     assert (figure.deviation, figure.unit) == (pytest.approx(0.5), "mm")
     assert figure.interval == pytest.approx((600.304, 600.696))
