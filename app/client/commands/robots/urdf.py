@@ -15,6 +15,7 @@ from decimal import Decimal
 from pathlib import Path
 
 from ... import Json
+from ...pose_rows import decoded
 from ..record_files import FileRefused
 from ..rotations import Frame, applied, from_roll_pitch_yaw, from_vector
 from .screw_axes import Axis, DhRow, dh_of_axes, unit
@@ -61,10 +62,10 @@ class UrdfRobot:
 def read_urdf(path: Path) -> UrdfRobot:
     """Return the arm of a URDF. Raises FileRefused where the file is no URDF, or holds no chain of revolute joints."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        data = path.read_bytes()
+    except OSError as error:
         raise FileRefused(f"{path} cannot be read: {error}.") from error
-    return parse_urdf(text)
+    return parse_urdf(decoded(data))
 
 
 def parse_urdf(text: str) -> UrdfRobot:
@@ -94,6 +95,8 @@ def _parsed(text: str) -> ElementTree.Element:
         robot = ElementTree.fromstring(text)  # noqa: S314 - entities are refused above
     except ElementTree.ParseError as error:
         raise FileRefused(f"The file is not XML: {error}.", "Give a URDF.") from error
+    for element in robot.iter():  # a default namespace is in every name
+        element.tag = element.tag.rpartition("}")[2] if "xacro" not in element.tag else element.tag
     if robot.tag != "robot":
         raise FileRefused(
             f"The file is no URDF: it begins with <{robot.tag}>.", "Give a file with <robot ...>."
@@ -115,7 +118,10 @@ def _joint(element: ElementTree.Element) -> UrdfJoint:
     rpy = [_unrounded(part) for part in _numbers(name, origin, "rpy")]
     direction = [1.0, 0.0, 0.0] if axis is None else [float(part) for part in _numbers(name, axis, "xyz")]
     if not any(direction):
-        raise FileRefused(f"The axis of joint {name} has no direction.")
+        raise FileRefused(
+            f"The axis of joint {name} has no direction.",
+            'Write the axis it turns about: <axis xyz="0 0 1"/>.',
+        )
     limits = None
     if limit is not None and limit.get("lower") and limit.get("upper"):
         low, high = (_number(name, limit.get(end) or "") for end in ("lower", "upper"))

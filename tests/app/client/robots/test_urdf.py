@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from jaxtyping import Float
 from app.analyses.inputs.session_loader import nominal_chain
 from app.client.commands.record_files import FileRefused
 from app.client.commands.robots.known import KNOWN, known_robot
-from app.client.commands.robots.urdf import UrdfRobot, parse_urdf
+from app.client.commands.robots.urdf import UrdfRobot, parse_urdf, read_urdf
 from core.geometry import invert, transform
 from core.kinematics import Chain
 from core.kinematics.dh import forward
@@ -127,6 +128,16 @@ def test_the_end_is_the_tool_frame_of_the_longest_chain() -> None:
 def test_what_is_no_arm_is_refused(text: str, words: str) -> None:
     with pytest.raises(FileRefused, match=words):
         parse_urdf(text)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "iso-8859-1", "utf-16"])
+def test_a_file_is_read_in_its_encoding_and_with_a_namespace(tmp_path: Path, encoding: str) -> None:
+    text = (
+        urdf([(ZERO, ZERO, UP)]).replace("<robot ", '<robot xmlns="http://www.ros.org" ').replace("l0", "Füß")
+    )
+    file = tmp_path / "arm.urdf"
+    file.write_text(f'<?xml version="1.0" encoding="{encoding}"?>\n{text}', encoding=encoding)
+    assert len(read_urdf(file).joints) == 1
 
 
 def test_every_known_arm_has_a_source_and_a_reach_of_an_arm() -> None:
