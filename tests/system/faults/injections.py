@@ -19,8 +19,8 @@ from urllib.parse import urlsplit
 import httpx2
 
 _PIECE = 1024 * 1024
-_LOOKS = 10
-_LOOK_EVERY_S = 0.005
+_LOOKS = 20
+_LOOK_EVERY_S = 0.025
 
 
 def missing_tool(name: str) -> str | None:
