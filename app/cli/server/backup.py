@@ -14,7 +14,6 @@ from app.cli.context import data_failures, load_settings, print_location
 from app.cli.options.data_folder import DataDir
 from app.cli.sizes import megabytes
 from app.client.commands import error_console
-from app.records.tables import ApiKey, Webhook
 from app.services.backup import make_backup, restore_backup
 from app.services.installation.context import ServiceContext
 from app.services.keys import keys_in_force
@@ -106,8 +105,17 @@ def restore(
     if delete_webhooks:
         print("  webhooks   all deleted; nobody is sent anything")
     print("  next       gridpose serve, with this data folder and database")
-    _list_keys(keys)
-    _list_webhooks(webhooks)
+    _list_in_force(
+        "Keys that are valid, as they were when the backup was made",
+        [f"{key.id}  {key.scope}  {key.name}" for key in keys],
+        "A key that was revoked since then is valid again: `gridpose keys revoke ID` before you start the service. "
+        "--revoke-keys revokes all keys of a restored backup.",
+    )
+    _list_in_force(
+        "Webhooks, which are sent what waited for them and what happens here",
+        [f"{webhook.id}  {webhook.name}  {webhook.url}" for webhook in webhooks],
+        "Where this is a copy to try things with, restore it with --delete-webhooks.",
+    )
     lost = [*manifest.missing, *manifest.corrupt]
     _list("missing or damaged in the installation when the backup was made", lost)
     _list("damaged in the backup", damaged)
@@ -126,26 +134,12 @@ def _list(what: str, hashes: Sequence[str]) -> None:
     console.print("Upload these images again.")
 
 
-def _list_keys(keys: Sequence[ApiKey]) -> None:
-    """List the keys that are valid again; those revoked after the backup are among them."""
-    if not keys:
+def _list_in_force(what: str, entries: Sequence[str], advice: str) -> None:
+    """List what a restored service has again as it was at the moment of the backup."""
+    if not entries:
         return
     console = error_console()
-    console.print("[yellow]Keys that are valid, as they were when the backup was made:[/]")
-    for key in keys:
-        console.print(f"  {key.id}  {key.scope}  {escape(key.name)}")
-    console.print(
-        "A key that was revoked since then is valid again: `gridpose keys revoke ID` before you start the service. "
-        "--revoke-keys revokes all keys of a restored backup."
-    )
-
-
-def _list_webhooks(webhooks: Sequence[Webhook]) -> None:
-    """List the receivers that a restored service sends to, as the one that was backed up may still do."""
-    if not webhooks:
-        return
-    console = error_console()
-    console.print("[yellow]Webhooks, which are sent what waited for them and what happens here:[/]")
-    for webhook in webhooks:
-        console.print(f"  {webhook.id}  {escape(webhook.name)}  {escape(webhook.url)}")
-    console.print("Where this is a copy to try things with, restore it with --delete-webhooks.")
+    console.print(f"[yellow]{what}:[/]")
+    for entry in entries:
+        console.print(f"  {escape(entry)}")
+    console.print(advice)

@@ -164,25 +164,25 @@ def _parsed_json(text: str) -> Any:
         raise FileRefused(f"Line {error.lineno} is not JSON: {error.msg}.") from error
 
 
-def _yaml_loader() -> Any:
-    """Return the safe loader, in C if available."""
+def _parsed_yaml(text: str, *, of_records: bool = False) -> tuple[Any, Any]:
+    """Return the content of a YAML, and the tree of its nodes; of records no number that people read otherwise."""
     import yaml
 
-    return getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
-
-def _parsed_yaml(text: str) -> tuple[Any, Any]:
-    """Return the content of a YAML, and the tree of its nodes."""
-    import yaml
-
-    loader = _yaml_loader()
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
         for event in yaml.parse(text, Loader=loader):
+            where = f"Line {event.start_mark.line + 1}" if event.start_mark is not None else "The file"
             if isinstance(event, yaml.AliasEvent):  # a few lines with aliases may expand to millions of poses
-                where = f"Line {event.start_mark.line + 1}" if event.start_mark is not None else "The file"
                 raise FileRefused(
                     f"{where} refers to another place of the file (*{event.anchor}).",
                     "Save the file without anchors and aliases, or as JSON or CSV.",
+                )
+            if not of_records or not isinstance(event, yaml.ScalarEvent) or not event.implicit[0]:
+                continue
+            if _RESTATED.fullmatch(event.value):
+                raise FileRefused(
+                    f"{where} has {event.value}, which YAML reads as {yaml.safe_load(event.value)}.",
+                    "Put a name in quotes, and write a number in decimal digits without zeros before it.",
                 )
         content = yaml.load(text, Loader=loader)  # noqa: S506 - a safe loader, in C if available
         tree = yaml.compose(text, Loader=loader)
@@ -198,14 +198,7 @@ def _parsed_yaml(text: str) -> tuple[Any, Any]:
 def _yaml_records(text: str) -> Iterator[Record]:
     import yaml
 
-    content, tree = _parsed_yaml(text)
-    for event in yaml.parse(text, Loader=_yaml_loader()):
-        if isinstance(event, yaml.ScalarEvent) and event.implicit[0] and _RESTATED.fullmatch(event.value):
-            where = f"Line {event.start_mark.line + 1}" if event.start_mark is not None else "The file"
-            raise FileRefused(
-                f"{where} has {event.value}, which YAML reads as {yaml.safe_load(event.value)}.",
-                "Put a name in quotes, and write a number in decimal digits without zeros before it.",
-            )
+    content, tree = _parsed_yaml(text, of_records=True)
     lines: dict[int, int] = {}
     if isinstance(tree, yaml.MappingNode):
         lines = {i: key.start_mark.line + 1 for i, (key, _) in enumerate(tree.value)}

@@ -179,9 +179,8 @@ def _move(path: Path, destination: Path, entry: Entry) -> None:
     try:
         path.rename(destination)
     except OSError:
-        partial = destination.with_name(
-            f".{entry.sha256}.part"
-        )  # not longer than names may be, whatever the file's
+        # Not longer than names may be, whatever the file's.
+        partial = destination.with_name(f".{entry.sha256}.part")
         shutil.copy2(path, partial)
         with partial.open("rb+") as stream:
             os.fsync(stream.fileno())

@@ -39,9 +39,8 @@ def test_who_is_called_does_not_rest(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_round_rests_soon_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pace, "PACE_S", 0.3)
     calm = Pace()
-    began = (
-        time.monotonic()
-    )  # before the first round: what passes until the second is asked for shortens its rest
+    # Before the first round: what passes until the second is asked for shortens its rest.
+    began = time.monotonic()
     calm.rest()
     calm.rest()
     assert time.monotonic() - began >= 0.3
